@@ -1,0 +1,1 @@
+"""GPU and CPU kernels for imaging and profiling sonar; imports Warp only."""
