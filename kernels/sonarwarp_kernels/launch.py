@@ -6,6 +6,7 @@ into pieces without slicing an array and without changing a random key (design c
 
 from __future__ import annotations
 
+import itertools
 import os
 from concurrent.futures import ThreadPoolExecutor, wait
 from functools import cache
@@ -56,7 +57,7 @@ def _shape_text(shape: Shape) -> str:
 
 
 def lanes(device: Any) -> int:
-    """Threads that share one row of bins: neighbours on CUDA read neighbouring addresses, on CPU one loop is fastest."""
+    """Threads that share one row of bins: 32 on CUDA read neighbouring addresses, on CPU one loop is fastest."""
     return 32 if wp.get_device(device).is_cuda else 1
 
 
@@ -105,7 +106,7 @@ def launch(
     def run(start: int, stop: int) -> None:
         wp.launch(kernel, (stop - start, *dim[1:]), inputs=[start, *inputs], outputs=outputs, device=device)
 
-    jobs = [_pool(threads).submit(run, start, stop) for start, stop in zip(bounds[:-1], bounds[1:], strict=True)]
+    jobs = [_pool(threads).submit(run, start, stop) for start, stop in itertools.pairwise(bounds)]
     wait(jobs)
     for job in jobs:
         job.result()

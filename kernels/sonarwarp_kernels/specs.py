@@ -1,6 +1,6 @@
 """Descriptions that kernels read: a sonar's fan, the scenes, the field's grid, the range mixture.
 
-Scalars and array addresses in a struct are frozen when a graph is captured; what changes per frame is an array argument.
+Scalars and array addresses in a struct are frozen when a graph is captured; what changes per frame is an array.
 """
 
 import warp as wp
@@ -31,7 +31,7 @@ class Fan:
 
 @wp.struct
 class SceneTable:
-    """Meshes of a batch. Entry 0 in ``mesh`` is an empty scene: every ray misses."""
+    """Meshes of a batch. A mesh id of 0 is an empty scene: every ray misses."""
 
     mesh: wp.array(dtype=wp.uint64)  # [scene] id of a wp.Mesh in world coordinates
     first_face: wp.array(dtype=int)  # [scene] where the scene's faces begin in ``impedance``
