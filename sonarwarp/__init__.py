@@ -1,5 +1,45 @@
 """Imaging and profiling sonars simulated and fused into 3-D point clouds on NVIDIA Warp."""
 
+from sonarwarp.cloud import PointCloud
+from sonarwarp.log import SonarLog
+from sonarwarp.reconstructor import Clouds, Reconstructor, reconstruct
+from sonarwarp.schedule import Schedule, frames_per_round, plan_schedule
+from sonarwarp.settings import (
+    NO_NOISE,
+    Detection,
+    LikelihoodField,
+    Noise,
+    RangeMixture,
+    ReconstructionSettings,
+)
+from sonarwarp.simulator import Simulator, simulate
 from sonarwarp.sonar import FLS, PRESETS, PS, Mount, Rig
+from sonarwarp.survey import Frames, Pings, Survey, plan_survey
 
-__all__ = ["FLS", "PRESETS", "PS", "Mount", "Rig"]
+__all__ = [
+    "FLS",
+    "NO_NOISE",
+    "PRESETS",
+    "PS",
+    "Clouds",
+    "Detection",
+    "Frames",
+    "LikelihoodField",
+    "Mount",
+    "Noise",
+    "Pings",
+    "PointCloud",
+    "RangeMixture",
+    "ReconstructionSettings",
+    "Reconstructor",
+    "Rig",
+    "Schedule",
+    "Simulator",
+    "SonarLog",
+    "Survey",
+    "frames_per_round",
+    "plan_schedule",
+    "plan_survey",
+    "reconstruct",
+    "simulate",
+]

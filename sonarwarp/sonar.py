@@ -33,7 +33,7 @@ class FLS:
     over 29 deg; its 0.3 deg a beam is 29 / 96 rounded."""
 
     range_edge: np.ndarray = field(default_factory=lambda: uniform_edges(0.42, 5.42, 512))
-    """Slant ranges of the bins' borders [m], ascending, shape [bin + 1]. Paper: 512 bins, window from 0.42 m, 5 m long."""
+    """Slant ranges of the bins' borders [m], ascending, shape [bin + 1]. Paper: 512 bins, 5 m from 0.42 m."""
 
     vertical_beamwidth_deg: float = 14.0
     """Elevation extent of every beam [deg]. Paper."""

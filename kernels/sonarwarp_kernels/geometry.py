@@ -6,7 +6,11 @@ over its whole elevation extent, which is how a linear array hears and also what
 ``R_z(xi) R_y(phi) R_z(theta)`` gives.
 """
 
+from typing import Any
+
 import warp as wp
+
+from sonarwarp_kernels.launch import check_array, launch
 
 wp.set_module_options({"enable_backward": False})
 
@@ -80,7 +84,7 @@ def bin_range(range_edge: wp.array(dtype=float), position: float) -> float:
 
 
 @wp.kernel
-def turn_head_kernel(
+def turn_heads_kernel(
     first: int,
     world_from_mount: wp.array(dtype=wp.transform),  # [ping]
     head_angle: wp.array(dtype=float),  # [ping]
@@ -89,3 +93,31 @@ def turn_head_kernel(
     ping = first + wp.tid()
     turn = wp.transform(wp.vec3(0.0, 0.0, 0.0), rotation_about_z(head_angle[ping]))
     world_from_head_out[ping] = world_from_mount[ping] * turn
+
+
+def turn_heads(
+    world_from_mount: wp.array,
+    head_angle: wp.array,
+    world_from_head_out: wp.array,
+    *,
+    device: Any = None,
+    threads: int = 1,
+) -> None:
+    """Poses of the profiling sonar's head: R_PS R_z(xi) of Eq. 34.
+
+    What is left of Eq. 34, R_y(phi) R_z(theta) of the forward axis, is ``beam_direction(theta, -phi, cone=1)``.
+
+    Args:
+        world_from_mount: pose of the sonar's own frame, whose rotation is R_PS (Eq. 35), shape [ping].
+        head_angle: xi [rad], positive from x towards y of the sonar's own frame, shape [ping].
+        world_from_head_out: shape [ping].
+
+    Raises:
+        ValueError: an array of the wrong shape, type or device.
+    """
+    device = wp.get_device(device)
+    pings = world_from_mount.shape[0]
+    check_array("world_from_mount", world_from_mount, (pings,), wp.transform, device)
+    check_array("head_angle", head_angle, (pings,), wp.float32, device)
+    check_array("world_from_head_out", world_from_head_out, (pings,), wp.transform, device)
+    launch(turn_heads_kernel, (pings,), [world_from_mount, head_angle], [world_from_head_out], device, threads)

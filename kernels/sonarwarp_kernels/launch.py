@@ -82,7 +82,8 @@ def launch(
     """Launch ``kernel`` over ``dim``, its leading axis spread over CPU threads.
 
     Only for kernels whose leading index owns its outputs: CPU atomics are plain read-modify-write. Serial on CUDA and
-    while the device is capturing a graph (a pool's launches would run eagerly and leave the graph empty).
+    while the device is capturing a graph (a pool's launches would run eagerly and leave the graph empty). Leave
+    ``threads`` at 1 under a tape, which would record the pieces.
 
     Args:
         kernel: a kernel whose first argument is ``first: int``.
@@ -96,10 +97,12 @@ def launch(
     rows = dim[0]
     if min(dim) <= 0:
         return
-    if threads <= 1 or rows < 2 or device.is_cuda or device.is_capturing:
+    # Unoptimised CPU code shares one static pointer to the stack's tile storage between threads, used or not.
+    unsafe = wp.config.mode == "debug" and wp.config.enable_tiles_in_stack_memory
+    if threads <= 1 or rows < 2 or device.is_cuda or device.is_capturing or unsafe:
         wp.launch(kernel, dim, inputs=[0, *inputs], outputs=outputs, device=device)
         return
-    kernel.module.load(device)
+    kernel.module.load(device, block_dim=1)  # as launches on CPU do; another value builds the module twice
     pieces = min(rows, threads * _PIECES_PER_THREAD)
     bounds = [rows * piece // pieces for piece in range(pieces + 1)]
 

@@ -1,0 +1,364 @@
+"""Fuses both sonars over a batch: plan allocates, step works one round in, read gives the clouds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+from sonarwarp_kernels import critical, estimate, field, geometry, keys, particles, profile, slots
+from sonarwarp_kernels.launch import cpu_threads
+from sonarwarp_kernels.specs import Mixture
+
+from sonarwarp.cloud import PointCloud
+from sonarwarp.field_box import plan_grid
+from sonarwarp.log import SonarLog
+from sonarwarp.schedule import Schedule, frames_per_round, plan_schedule
+from sonarwarp.settings import ReconstructionSettings
+from sonarwarp.simulator import MEMORY, owner_keys, seabed_echo
+from sonarwarp.sonar import PS, Rig
+from sonarwarp.survey import Survey
+
+QUALITIES = {0: "none", 1: "fallback", 2: "informed"}
+"""Meaning of the clouds' attribute ``quality``."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Clouds:
+    """Both methods' points from one pass over the same critical points."""
+
+    fused: PointCloud
+    """Most likely points of both sonars' fusion."""
+
+    single: PointCloud
+    """The single-sonar method's points: every critical point at the beam's lower edge."""
+
+
+class Reconstructor:
+    """Turns images and echo profiles into point clouds.
+
+    Args:
+        rig: sonars and mounts.
+        settings: detection, field, mixture and particles.
+        device: Warp device.
+        threads: CPU threads; all cores by default.
+    """
+
+    def __init__(
+        self,
+        rig: Rig,
+        *,
+        settings: ReconstructionSettings | None = None,
+        device: str | None = None,
+        threads: int | None = None,
+    ) -> None:
+        self.rig = rig
+        self.settings = settings or ReconstructionSettings()
+        self.device = wp.get_device(device)
+        self.threads = threads or cpu_threads()
+
+    @property
+    def window(self) -> int:
+        """Pings of a trajectory that its field remembers."""
+        return max(round(self.settings.likelihood_field.window_sweeps * self.rig.ps.pings_per_sweep), 1)
+
+    def plan(
+        self,
+        survey: Survey,
+        schedule: Schedule,
+        *,
+        seed: int = 0,
+        trajectory_keys: Sequence[int] | None = None,
+    ) -> None:
+        """Upload poses, allocate fields and results, and go to the first round.
+
+        Args:
+            survey: frames and pings, with the poses that navigation gives.
+            schedule: which frames and pings each round brings, made with this reconstructor's ``window``.
+            seed: of the particles.
+            trajectory_keys: what names each trajectory wherever it stands in a batch; its index by default.
+        """
+        device, settings = self.device, self.settings
+        frames, pings = survey.frames, survey.pings
+        self.survey = survey
+        self.schedule = schedule
+        self._fan = self.rig.fls.fan(device)
+        self._ps_edge = wp.array(self.rig.ps.range_edge, dtype=float, device=device)
+        level = float(np.median(frames.altitude)) if len(frames) else 1.0
+        self._filter = _critical_filter(settings, self._seabed_level(level))
+        self._detector = _profile_detector(settings)
+        self._model = _profile_model(settings, self.rig.ps)
+        self._mixture = _mixture(settings)
+        self._reading = _reading(settings)
+        self.grid = plan_grid(survey, settings.likelihood_field, device)
+        self._round = wp.zeros(1, dtype=int, device=device)
+        self._epoch = wp.zeros(1, dtype=int, device=device)
+        self._plan_slots(schedule)
+        self._plan_frames(survey, seed, trajectory_keys)
+        self._ping_trajectory = wp.array(pings.trajectory, dtype=int, device=device)
+        self._world_from_head = wp.array(pings.pose, dtype=wp.transform, device=device)
+        angle = wp.array(pings.head_angle, dtype=float, device=device)
+        geometry.turn_heads(self._world_from_head, angle, self._world_from_head, device=device, threads=self.threads)
+        count = settings.detection.footprints
+        self._footprint = wp.full((len(pings), count), profile.NO_FOOTPRINT, dtype=wp.vec3, device=device)
+        shape = (survey.trajectories, self.grid.nx, self.grid.ny, self.grid.nz)
+        self.log_odds = wp.zeros(shape, dtype=int, device=device)
+
+    def _seabed_level(self, altitude: float) -> float:
+        half = self.rig.fls.half_elevation
+        edge = min(max(math.radians(self.rig.fls_mount.tilt_deg) + half, 0.05), math.pi / 2 - 0.05)
+        return seabed_echo(self._fan, altitude, edge, half)
+
+    def _plan_slots(self, schedule: Schedule) -> None:
+        device = self.device
+
+        def table(index: np.ndarray) -> wp.array:
+            return wp.array(index.reshape(-1, index.shape[-1]), dtype=int, device=device)
+
+        def row(index: np.ndarray) -> wp.array:
+            return wp.zeros(index.shape[-1], dtype=int, device=device)
+
+        names = ("round_frame", "round_ping", "epoch_frame", "epoch_ping", "epoch_leaving")
+        self._tables = {name: table(getattr(schedule, name)) for name in names}
+        self._slots = {name: row(getattr(schedule, name)) for name in names}
+        beams = self.rig.fls.beams
+        frame_slots, ping_slots = schedule.round_frame.shape[1], schedule.round_ping.shape[1]
+        self._slot_seabed = wp.zeros((frame_slots, beams), dtype=float, device=device)
+        self._slot_range = wp.zeros((frame_slots, beams), dtype=float, device=device)
+        self._slot_strength = wp.zeros((frame_slots, beams), dtype=float, device=device)
+        self._slot_bin = wp.zeros((frame_slots, beams), dtype=int, device=device)
+        footprints = self.settings.detection.footprints
+        self._slot_footprint = wp.zeros((ping_slots, footprints), dtype=wp.vec3, device=device)
+
+    def _plan_frames(self, survey: Survey, seed: int, trajectory_keys: Sequence[int] | None) -> None:
+        device, frames, shape = self.device, survey.frames, (len(survey.frames), self.rig.fls.beams)
+        seeds, owners = owner_keys(survey.trajectories, seed, trajectory_keys, device)
+        contacts = particles.Contacts()
+        contacts.trajectory = wp.array(frames.trajectory, dtype=int, device=device)
+        contacts.key = wp.empty(len(frames), dtype=wp.uint64, device=device)
+        number = wp.array(frames.number, dtype=int, device=device)
+        keys.frame_keys(seeds, owners, contacts.trajectory, number, keys.FLS_FRAMES, contacts.key, device=device)
+        contacts.world_from_sensor = wp.array(frames.pose, dtype=wp.transform, device=device)
+        contacts.critical_range = wp.full(shape, critical.NO_DETECTION, dtype=float, device=device)
+        contacts.seabed_range = wp.zeros(shape, dtype=float, device=device)
+        altitude = wp.array(frames.altitude, dtype=float, device=device)
+        critical.seabed_range(
+            self._fan,
+            contacts.world_from_sensor,
+            altitude,
+            contacts.seabed_range,
+            device=device,
+            threads=self.threads,
+        )
+        self.contacts = contacts
+        self._estimates = estimate.Estimates()
+        for name, dtype in estimate.ESTIMATE_TYPES.items():
+            setattr(self._estimates, name, wp.zeros(shape, dtype=dtype, device=device))
+
+    def step(self, images: wp.array, echoes: wp.array) -> None:
+        """Work the next round in; only launches, so a graph can capture it.
+
+        Args:
+            images: FLS images of the schedule's round, shape [slot, beam, bin].
+            echoes: PS echo profiles of the schedule's round, shape [slot, bin].
+        """
+        self._detect(images, echoes)
+        for _ in range(self.schedule.epoch_frame.shape[1]):
+            self._fuse()
+        slots.next_round(self._round, device=self.device)
+
+    def _detect(self, images: wp.array, echoes: wp.array) -> None:
+        on = {"device": self.device, "threads": self.threads}
+        frame, ping = self._slots["round_frame"], self._slots["round_ping"]
+        slots.load_slots(self._tables["round_frame"], self._round, frame, **on)
+        slots.load_slots(self._tables["round_ping"], self._round, ping, **on)
+        slots.gather_rows(frame, self.contacts.seabed_range, self._slot_seabed, **on)
+        nearest = self.settings.detection.edge == "nearest"
+        find = critical.find_nearest_critical_points if nearest else critical.find_critical_points
+        find(
+            self._filter,
+            self._fan.range_edge,
+            images,
+            self._slot_seabed,
+            self._slot_range,
+            self._slot_strength,
+            self._slot_bin,
+            **on,
+        )
+        slots.scatter_rows(frame, self._slot_range, self.contacts.critical_range, **on)
+        profile.detect_profile(self._ps_edge, self._detector, echoes, self._slot_footprint, **on)
+        slots.scatter_rows(ping, self._slot_footprint, self._footprint, **on)
+
+    def _fuse(self) -> None:
+        on = {"device": self.device, "threads": self.threads}
+        for name in ("epoch_frame", "epoch_ping", "epoch_leaving"):
+            slots.load_slots(self._tables[name], self._epoch, self._slots[name], **on)
+        for name, sign in (("epoch_ping", 1), ("epoch_leaving", -1)):
+            field.update_field(
+                self.grid,
+                self._model,
+                self._slots[name],
+                self._ping_trajectory,
+                self._world_from_head,
+                self._footprint,
+                sign,
+                self.log_odds,
+                **on,
+            )
+        estimate.estimate_points(
+            self._fan,
+            self.grid,
+            self._mixture,
+            self._reading,
+            self.contacts,
+            self._slots["epoch_frame"],
+            self.log_odds,
+            self.settings.particles,
+            self._estimates,
+            **on,
+        )
+        slots.next_round(self._epoch, device=self.device)
+
+    def reset(self) -> None:
+        """Forget everything seen and go back to the first round."""
+        self._round.zero_()
+        self._epoch.zero_()
+        self.log_odds.zero_()
+        self._footprint.fill_(profile.NO_FOOTPRINT)
+        self.contacts.critical_range.fill_(critical.NO_DETECTION)
+        self._estimates.quality.zero_()
+
+    def read(self) -> Clouds:
+        """Clouds of everything worked in so far."""
+        found = self._estimates.quality.numpy() != int(estimate.QUALITY_NONE)
+        frame, beam = np.nonzero(found)
+        edge = wp.zeros(found.shape, dtype=wp.vec3, device=self.device)
+        estimate.place_at_lower_edge(
+            self._fan,
+            self.contacts.world_from_sensor,
+            self.contacts.critical_range,
+            edge,
+            device=self.device,
+            threads=self.threads,
+        )
+        frames = self.survey.frames
+        common = {
+            "trajectory": frames.trajectory[frame].astype(np.int32),
+            "frame": frames.number[frame].astype(np.int32),
+            "beam": beam.astype(np.int32),
+            "time": frames.time[frame],
+            "range": self.contacts.critical_range.numpy()[found],
+            "azimuth": self.rig.fls.azimuth[beam],
+        }
+        lower = np.full(len(frame), -self.rig.fls.half_elevation)
+        fused = common | {
+            name: getattr(self._estimates, name).numpy()[found]
+            for name in ("elevation", "elevation_mean", "elevation_deviation", "effective_size", "quality")
+        }
+        covariance = self._estimates.covariance.numpy()[found]
+        for name, row, column in _COVARIANCE:
+            fused[name] = covariance[:, row, column]
+        return Clouds(
+            fused=PointCloud(points=self._estimates.likely.numpy()[found], attributes=fused),
+            single=PointCloud(points=edge.numpy()[found], attributes=common | {"elevation": lower}),
+        )
+
+
+_COVARIANCE = (
+    ("covariance_xx", 0, 0),
+    ("covariance_yy", 1, 1),
+    ("covariance_zz", 2, 2),
+    ("covariance_xy", 0, 1),
+    ("covariance_xz", 0, 2),
+    ("covariance_yz", 1, 2),
+)
+
+
+def _critical_filter(settings: ReconstructionSettings, seabed_level: float) -> critical.CriticalFilter:
+    chosen = critical.CriticalFilter()
+    chosen.guard = settings.detection.guard
+    chosen.sigma = settings.detection.sigma
+    chosen.floor = seabed_level * 10.0 ** (settings.detection.floor_db / 20.0)
+    chosen.deviations = settings.detection.deviations
+    chosen.memory = settings.detection.memory
+    return chosen
+
+
+def _profile_detector(settings: ReconstructionSettings) -> profile.ProfileDetector:
+    chosen = profile.ProfileDetector()
+    chosen.relative = 10.0 ** (settings.detection.profile_relative_db / 20.0)
+    chosen.clearance = settings.detection.profile_clearance
+    chosen.gap = settings.detection.profile_gap
+    return chosen
+
+
+def _profile_model(settings: ReconstructionSettings, ps: PS) -> field.ProfileModel:
+    chosen = field.ProfileModel()
+    chosen.hit = settings.likelihood_field.hit
+    chosen.miss = settings.likelihood_field.miss
+    chosen.no_return = settings.likelihood_field.no_return
+    chosen.half_width = math.radians(ps.beamwidth_deg) / 2
+    chosen.half_fan = math.radians(ps.fan_beamwidth_deg) / 2
+    chosen.range_deviation = settings.likelihood_field.range_deviation
+    chosen.reach = float(ps.range_edge[-1])
+    return chosen
+
+
+def _mixture(settings: ReconstructionSettings) -> Mixture:
+    chosen = Mixture()
+    for name in (
+        "weight_hit",
+        "weight_short",
+        "weight_random",
+        "weight_seabed",
+        "deviation",
+        "rate_short",
+        "rate_seabed",
+    ):
+        setattr(chosen, name, getattr(settings.mixture, name))
+    return chosen
+
+
+def _reading(settings: ReconstructionSettings) -> particles.Reading:
+    chosen = particles.Reading()
+    chosen.low = settings.likelihood_field.low
+    chosen.high = settings.likelihood_field.high
+    chosen.informed = settings.likelihood_field.informed
+    return chosen
+
+
+def reconstruct(
+    log: SonarLog,
+    *,
+    settings: ReconstructionSettings | None = None,
+    seed: int = 0,
+    device: str | None = None,
+    threads: int | None = None,
+    memory: int = MEMORY,
+) -> Clouds:
+    """Reconstruct a log, simulated or recorded.
+
+    Args:
+        log: images, echoes and survey.
+        settings: detection, field, mixture and particles.
+        seed: of the particles.
+        device: Warp device.
+        threads: CPU threads; all cores by default.
+        memory: bytes that one round of frames may take on the device.
+    """
+    survey = log.survey
+    reconstructor = Reconstructor(survey.rig, settings=settings, device=device, threads=threads)
+    schedule = plan_schedule(
+        survey,
+        frames=frames_per_round(survey.rig, memory),
+        window=reconstructor.window,
+        causal=reconstructor.settings.causal,
+    )
+    reconstructor.plan(survey, schedule, seed=seed)
+    for frame, ping in zip(schedule.round_frame, schedule.round_ping, strict=True):
+        images = wp.array(log.images[frame], dtype=float, device=reconstructor.device)
+        echoes = wp.array(log.echoes[ping], dtype=float, device=reconstructor.device)
+        reconstructor.step(images, echoes)
+    return reconstructor.read()

@@ -1,0 +1,318 @@
+"""Simulates both sonars over a batch: plan allocates, step launches one round, read copies it to the host."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+from sonarwarp_kernels import echo, forming, geometry, keys, noise, slots
+from sonarwarp_kernels.launch import cpu_threads
+from sonarwarp_kernels.specs import Fan, SceneTable
+from sonarwarp_scenes import Scene, Trajectory
+
+from sonarwarp.log import SonarLog
+from sonarwarp.schedule import Schedule, frames_per_round, plan_schedule
+from sonarwarp.settings import NO_NOISE, Noise
+from sonarwarp.sonar import Rig
+from sonarwarp.survey import Survey, plan_survey
+
+WATER_IMPEDANCE = 1.5e6
+"""Acoustic impedance of water [rayl]: 1,000 kg/m3 times 1,500 m/s."""
+
+SAND_REFLECTION = 0.35
+"""Reflection of the seabed that the background is measured against: sand in water."""
+
+MEMORY = 64 << 20
+"""Bytes of images and scratch that a round may take, unless told otherwise."""
+
+
+def seabed_echo(fan: Fan, altitude: float, depression: float, half_width: float) -> float:
+    """Amplitude that a flat sandy seabed leaves in one bin, where a beam of ``half_width`` [rad] meets it.
+
+    Closed form of Eq. 36 over a plane: the share of the beam within one bin, times the echo there.
+
+    Args:
+        fan: the sonar, for its amplitude and bins.
+        altitude: of the sonar [m].
+        depression: of the ray towards the seabed [rad].
+        half_width: half the beamwidth in the vertical plane [rad].
+    """
+    edges = fan.range_edge.numpy()
+    distance = altitude / math.sin(depression)
+    bin_width = float(edges[-1] - edges[0]) / (len(edges) - 1)
+    share = min(bin_width * math.tan(depression) / distance / (2.0 * half_width), 1.0)
+    return share * fan.amplitude * SAND_REFLECTION * math.sin(depression) ** 2 / distance**2
+
+
+@dataclass
+class _Buffers:
+    """One sonar's arrays: all frames' inputs, and a round's slots."""
+
+    fan: Fan
+    pose: wp.array
+    key: wp.array
+    scene: wp.array
+    table: wp.array
+    slot: wp.array
+    slot_pose: wp.array
+    slot_key: wp.array
+    slot_scene: wp.array
+    scratch: forming.Scratch
+    counts: wp.array
+    speckle: wp.array
+    background: wp.array
+    image: wp.array
+
+
+class Simulator:
+    """Forms FLS images and PS echo profiles over scenes.
+
+    Args:
+        rig: sonars and mounts.
+        noise: what is added to the echoes.
+        device: Warp device.
+        threads: CPU threads; all cores by default.
+    """
+
+    def __init__(
+        self, rig: Rig, *, noise: Noise = NO_NOISE, device: str | None = None, threads: int | None = None
+    ) -> None:
+        self.rig = rig
+        self.noise = noise
+        self.device = wp.get_device(device)
+        self.threads = threads or cpu_threads()
+
+    def plan(
+        self,
+        survey: Survey,
+        scenes: Sequence[Scene],
+        schedule: Schedule,
+        *,
+        scene_of: Sequence[int] | None = None,
+        seed: int = 0,
+        trajectory_keys: Sequence[int] | None = None,
+    ) -> None:
+        """Upload scenes and poses, allocate one round's arrays, and go to the first round.
+
+        Args:
+            survey: frames and pings.
+            scenes: what the sonars look at.
+            schedule: which frames and pings each round forms.
+            scene_of: scene of each trajectory; scene i for trajectory i by default, or the only one.
+            seed: of all noise.
+            trajectory_keys: what names each trajectory wherever it stands in a batch; its index by default.
+
+        Raises:
+            ValueError: a trajectory without a scene.
+        """
+        trajectories = survey.trajectories
+        if scene_of is None:
+            scene_of = [0] * trajectories if len(scenes) == 1 else list(range(trajectories))
+        if len(scene_of) != trajectories or (trajectories and not 0 <= min(scene_of) <= max(scene_of) < len(scenes)):
+            raise ValueError(f"scene_of: {list(scene_of)} does not name one of {len(scenes)} scenes per trajectory")
+        self.survey = survey
+        self.schedule = schedule
+        self._upload_scenes(scenes)
+        self._empty_scene = len(scenes)
+        owner_scene = np.asarray(scene_of, dtype=np.int32)
+        self._owner_keys = owner_keys(trajectories, seed, trajectory_keys, self.device)
+        frames, pings = survey.frames, survey.pings
+        level = float(np.median(frames.altitude)) if len(frames) else 1.0
+        fls, ps = self.rig.fls, self.rig.ps
+        tilt = math.radians(self.rig.fls_mount.tilt_deg)
+        edge = min(max(tilt + fls.half_elevation, 0.05), math.pi / 2 - 0.05)
+        fan = fls.fan(self.device)
+        background = seabed_echo(fan, level, edge, fls.half_elevation)
+        self._fls = self._allocate(
+            fan,
+            frames.pose,
+            frames.trajectory,
+            frames.number,
+            keys.FLS_FRAMES,
+            owner_scene,
+            schedule.round_frame,
+            background,
+        )
+        axis = min(max(math.radians(self.rig.ps_mount.tilt_deg), 0.05), math.pi / 2 - 0.05)
+        fan = ps.fan(self.device)
+        background = seabed_echo(fan, level, axis, math.radians(ps.beamwidth_deg) / 2)
+        self._ps = self._allocate(
+            fan, pings.pose, pings.trajectory, pings.number, keys.PS_PINGS, owner_scene, schedule.round_ping, background
+        )
+        angle = wp.array(pings.head_angle, dtype=float, device=self.device)
+        geometry.turn_heads(self._ps.pose, angle, self._ps.pose, device=self.device, threads=self.threads)
+        self._round = wp.zeros(1, dtype=int, device=self.device)
+
+    def _upload_scenes(self, scenes: Sequence[Scene]) -> None:
+        # The meshes must outlive every launch: Warp only keeps ids.
+        self._meshes = [
+            wp.Mesh(
+                wp.array(scene.vertices, dtype=wp.vec3, device=self.device),
+                wp.array(scene.faces.reshape(-1), dtype=int, device=self.device),
+                bvh_constructor="sah",
+            )
+            for scene in scenes
+        ]
+        counts = [len(scene.faces) for scene in scenes]
+        table = SceneTable()
+        table.mesh = wp.array([*(mesh.id for mesh in self._meshes), 0], dtype=wp.uint64, device=self.device)
+        table.first_face = wp.array(np.cumsum([0, *counts]), dtype=int, device=self.device)
+        impedance = np.concatenate([scene.impedance for scene in scenes])
+        table.impedance = wp.array(impedance, dtype=float, device=self.device)
+        table.water = WATER_IMPEDANCE
+        self._scenes = table
+
+    def _allocate(
+        self,
+        fan: Fan,
+        pose: np.ndarray,
+        trajectory: np.ndarray,
+        number: np.ndarray,
+        sonar: int,
+        owner_scene: np.ndarray,
+        table: np.ndarray,
+        background: float,
+    ) -> _Buffers:
+        device, count, slot_count = self.device, len(pose), table.shape[1]
+        seeds, owners = self._owner_keys
+        key = wp.empty(count, dtype=wp.uint64, device=device)
+        index = wp.array(trajectory, dtype=int, device=device)
+        keys.frame_keys(seeds, owners, index, wp.array(number, dtype=int, device=device), sonar, key, device=device)
+        scratch = forming.Scratch()
+        for name, (shape, dtype) in forming.scratch_shapes(fan, slot_count).items():
+            setattr(scratch, name, wp.zeros(shape, dtype=dtype, device=device))
+        beams, bins = fan.azimuth.shape[0], fan.range_edge.shape[0] - 1
+        level = 0.0 if self.noise.background_db is None else background * 10.0 ** (self.noise.background_db / 20.0)
+        return _Buffers(
+            fan=fan,
+            pose=wp.array(pose, dtype=wp.transform, device=device),
+            key=key,
+            scene=wp.array(owner_scene[trajectory], dtype=int, device=device),
+            table=wp.array(table, dtype=int, device=device),
+            slot=wp.zeros(slot_count, dtype=int, device=device),
+            slot_pose=wp.zeros(slot_count, dtype=wp.transform, device=device),
+            slot_key=wp.zeros(slot_count, dtype=wp.uint64, device=device),
+            slot_scene=wp.zeros(slot_count, dtype=int, device=device),
+            scratch=scratch,
+            counts=wp.zeros((slot_count, beams, bins), dtype=int, device=device),
+            speckle=wp.full(slot_count, int(self.noise.speckle), dtype=int, device=device),
+            background=wp.full(slot_count, level, dtype=float, device=device),
+            image=wp.zeros((slot_count, beams, bins), dtype=float, device=device),
+        )
+
+    def step(self) -> None:
+        """Form the next round's images and echoes; only launches, so a graph can capture it."""
+        for sonar in (self._fls, self._ps):
+            self._form(sonar)
+        slots.next_round(self._round, device=self.device)
+
+    def _form(self, sonar: _Buffers) -> None:
+        if sonar.slot.shape[0] == 0:
+            return
+        on = {"device": self.device, "threads": self.threads}
+        slots.load_slots(sonar.table, self._round, sonar.slot, **on)
+        slots.load_poses(
+            sonar.slot,
+            sonar.pose,
+            sonar.key,
+            sonar.scene,
+            self._empty_scene,
+            sonar.slot_pose,
+            sonar.slot_key,
+            sonar.slot_scene,
+            **on,
+        )
+        echo.form_echoes(
+            sonar.fan,
+            self._scenes,
+            sonar.slot_pose,
+            sonar.slot_scene,
+            sonar.slot_key,
+            sonar.scratch,
+            sonar.counts,
+            **on,
+        )
+        noise.finish_images(
+            sonar.counts,
+            sonar.fan.fixed_point,
+            sonar.slot_key,
+            sonar.speckle,
+            sonar.background,
+            sonar.image,
+            **on,
+        )
+
+    @property
+    def images(self) -> wp.array:
+        """FLS images of the current round on the device, shape [slot, beam, bin]."""
+        return self._fls.image
+
+    @property
+    def echoes(self) -> wp.array:
+        """PS echo profiles of the current round on the device, shape [slot, bin]."""
+        slot_count, _, bins = self._ps.image.shape
+        return self._ps.image.reshape((slot_count, bins))
+
+    def reset(self) -> None:
+        """Go back to the first round."""
+        self._round.zero_()
+
+    def read(self) -> tuple[np.ndarray, np.ndarray]:
+        """Images [slot, beam, bin] and echoes [slot, bin] of the last step, on the host."""
+        return self.images.numpy(), self.echoes.numpy()
+
+
+def owner_keys(
+    trajectories: int, seed: int, trajectory_keys: Sequence[int] | None, device: wp.Device
+) -> tuple[wp.array, wp.array]:
+    """Seed and key of each trajectory, on the device, both of shape [trajectory]."""
+    chosen = range(trajectories) if trajectory_keys is None else trajectory_keys
+    owners = np.array(list(chosen), dtype=np.uint64)
+    if owners.shape != (trajectories,):
+        raise ValueError(f"trajectory_keys: expected {trajectories}, got {len(owners)}")
+    seeds = np.full(trajectories, seed, dtype=np.uint64)
+    return wp.array(seeds, dtype=wp.uint64, device=device), wp.array(owners, dtype=wp.uint64, device=device)
+
+
+def simulate(
+    rig: Rig,
+    scene: Scene | Sequence[Scene],
+    trajectory: Trajectory | Sequence[Trajectory],
+    *,
+    frames_from: float | Sequence[float] = -math.inf,
+    noise: Noise = NO_NOISE,
+    seed: int = 0,
+    device: str | None = None,
+    threads: int | None = None,
+    memory: int = MEMORY,
+) -> SonarLog:
+    """Simulate a rig along one or more trajectories, all images kept in memory.
+
+    Args:
+        rig: sonars and mounts.
+        scene: one for all trajectories, or one each.
+        trajectory: one or more.
+        frames_from: time from which the FLS records [s].
+        noise: added to the echoes.
+        seed: of all noise.
+        device: Warp device.
+        threads: CPU threads; all cores by default.
+        memory: bytes that one round of frames may take on the device.
+    """
+    scenes = [scene] if isinstance(scene, Scene) else list(scene)
+    trajectories = [trajectory] if isinstance(trajectory, Trajectory) else list(trajectory)
+    survey = plan_survey(rig, trajectories, frames_from=frames_from)
+    schedule = plan_schedule(survey, frames=frames_per_round(rig, memory), window=len(survey.pings))
+    simulator = Simulator(rig, noise=noise, device=device, threads=threads)
+    simulator.plan(survey, scenes, schedule, seed=seed)
+    images = np.empty((len(survey.frames), rig.fls.beams, rig.fls.bins), dtype=np.float32)
+    echoes = np.empty((len(survey.pings), rig.ps.bins), dtype=np.float32)
+    for frame, ping in zip(schedule.round_frame, schedule.round_ping, strict=True):
+        simulator.step()
+        round_images, round_echoes = simulator.read()
+        images[frame[frame >= 0]] = round_images[frame >= 0]
+        echoes[ping[ping >= 0]] = round_echoes[ping >= 0]
+    return SonarLog(survey=survey, images=images, echoes=echoes)

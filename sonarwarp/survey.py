@@ -1,0 +1,145 @@
+"""When and where every frame and ping of a batch of trajectories is taken."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from sonarwarp_scenes import Trajectory
+
+from sonarwarp.checks import finite_array
+from sonarwarp.poses import compose
+from sonarwarp.sonar import Rig
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Frames:
+    """The imaging sonar's frames, a flat list over all trajectories, in order of time within each."""
+
+    time: np.ndarray
+    """[s], shape [frame]."""
+    trajectory: np.ndarray
+    """Index of the trajectory, shape [frame]."""
+    number: np.ndarray
+    """Number within the trajectory, shape [frame]."""
+    pose: np.ndarray
+    """world_from_sensor, shape [frame, 7]."""
+    altitude: np.ndarray
+    """Height of the sonar above the seabed [m], shape [frame]."""
+
+    def __post_init__(self) -> None:
+        _check_instants("Frames", self.time, self.trajectory, self.number, self.pose)
+        object.__setattr__(self, "altitude", finite_array("Frames.altitude", self.altitude, shape=self.time.shape))
+        if len(self.altitude) and self.altitude.min() <= 0.0:
+            raise ValueError(f"Frames.altitude: {self.altitude.min():g}, must be above 0")
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Pings:
+    """The profiling sonar's pings, a flat list over all trajectories, in order of time within each."""
+
+    time: np.ndarray
+    """[s], shape [ping]."""
+    trajectory: np.ndarray
+    """Index of the trajectory, shape [ping]."""
+    number: np.ndarray
+    """Number within the trajectory, shape [ping]."""
+    pose: np.ndarray
+    """world_from_mount, before the head's turn, shape [ping, 7]."""
+    head_angle: np.ndarray
+    """Head angle xi [rad], shape [ping]."""
+
+    def __post_init__(self) -> None:
+        _check_instants("Pings", self.time, self.trajectory, self.number, self.pose)
+        object.__setattr__(self, "head_angle", finite_array("Pings.head_angle", self.head_angle, shape=self.time.shape))
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+
+def _check_instants(owner: str, time: np.ndarray, trajectory: np.ndarray, number: np.ndarray, pose: np.ndarray) -> None:
+    count = len(time)
+    finite_array(f"{owner}.time", time, shape=(count,))
+    finite_array(f"{owner}.pose", pose, shape=(count, 7))
+    for name, index in (("trajectory", trajectory), ("number", number)):
+        if index.shape != (count,):
+            raise ValueError(f"{owner}.{name}: expected shape ({count},), got {index.shape}")
+        if count and index.min() < 0:
+            raise ValueError(f"{owner}.{name}: {index.min()}, must be at least 0")
+    norm = np.linalg.norm(pose[:, 3:], axis=1)
+    if count and np.abs(norm - 1.0).max() > 1e-3:
+        raise ValueError(f"{owner}.pose: quaternion of length {norm[np.abs(norm - 1.0).argmax()]:g}, must be 1")
+    for index, rows in enumerate(by_trajectory(trajectory)):
+        if (np.diff(time[rows]) <= 0.0).any():
+            raise ValueError(f"{owner}.time: does not ascend within trajectory {index}")
+
+
+def by_trajectory(trajectory: np.ndarray) -> list[np.ndarray]:
+    """Rows of each trajectory in their order, from ``trajectory`` [row]."""
+    return group_rows(trajectory, int(trajectory.max(initial=-1)) + 1)
+
+
+def group_rows(label: np.ndarray, count: int) -> list[np.ndarray]:
+    """Rows of each label 0 to ``count`` - 1 in their order, from ``label`` [row]."""
+    order = np.argsort(label, kind="stable")
+    return np.split(order, np.searchsorted(label[order], np.arange(1, count)))[:count]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Survey:
+    """Frames and pings of a batch, and the rig that took them."""
+
+    rig: Rig
+    frames: Frames
+    pings: Pings
+
+    @property
+    def trajectories(self) -> int:
+        """Number of trajectories."""
+        return int(max(self.frames.trajectory.max(initial=-1), self.pings.trajectory.max(initial=-1))) + 1
+
+
+def plan_survey(
+    rig: Rig,
+    trajectories: Sequence[Trajectory],
+    *,
+    frames_from: Sequence[float] | float = -np.inf,
+    seabed_z: float = 0.0,
+) -> Survey:
+    """Times and poses of every frame and ping along some trajectories.
+
+    Args:
+        rig: sonars and mounts.
+        trajectories: what the vehicle does.
+        frames_from: time from which the imaging sonar records [s], one or one per trajectory; the profiling sonar
+            records all along.
+        seabed_z: height of the mean seabed [m], for altitudes.
+    """
+    starts = np.broadcast_to(np.asarray(frames_from, dtype=float), (len(trajectories),))
+    frames, pings = [], []
+    for index, (trajectory, frames_start) in enumerate(zip(trajectories, starts, strict=True)):
+        start, stop = float(trajectory.times[0]), float(trajectory.times[-1])
+        frame_number = np.arange(int((stop - start) * rig.fls.rate + 1e-9) + 1)
+        frame_time = start + frame_number / rig.fls.rate
+        late = frame_time >= frames_start - 1e-9
+        frame_number, frame_time = frame_number[late], frame_time[late]
+        ping_number = np.arange(int((stop - start) * rig.ps.rate + 1e-9) + 1)
+        ping_time = start + ping_number / rig.ps.rate
+        for rows, number, time, mount in (
+            (frames, frame_number, frame_time, rig.fls_mount),
+            (pings, ping_number, ping_time, rig.ps_mount),
+        ):
+            time = np.minimum(time, stop)
+            pose = compose(trajectory.at(time), mount.vehicle_from_sensor())
+            rows.append((time, np.full(len(time), index), number, pose))
+    time, trajectory, number, pose = (np.concatenate(parts) for parts in zip(*frames, strict=True))
+    flat_frames = Frames(time=time, trajectory=trajectory, number=number, pose=pose, altitude=pose[:, 2] - seabed_z)
+    time, trajectory, number, pose = (np.concatenate(parts) for parts in zip(*pings, strict=True))
+    flat_pings = Pings(
+        time=time, trajectory=trajectory, number=number, pose=pose, head_angle=rig.ps.head_angles(number)
+    )
+    return Survey(rig=rig, frames=flat_frames, pings=flat_pings)
