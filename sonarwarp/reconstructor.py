@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import warp as wp
-from sonarwarp_kernels import critical, estimate, field, geometry, keys, particles, profile, slots
+from sonarwarp_kernels import critical, estimate, field, geometry, inverse, keys, particles, profile, slots
 from sonarwarp_kernels.launch import cpu_threads
 from sonarwarp_kernels.specs import Mixture
 
@@ -114,15 +114,16 @@ class Reconstructor:
     def _plan_slots(self, schedule: Schedule) -> None:
         device = self.device
 
-        def table(index: np.ndarray) -> wp.array:
-            return wp.array(index.reshape(-1, index.shape[-1]), dtype=int, device=device)
-
-        def row(index: np.ndarray) -> wp.array:
-            return wp.zeros(index.shape[-1], dtype=int, device=device)
-
-        names = ("round_frame", "round_ping", "epoch_frame", "epoch_ping", "epoch_leaving")
-        self._tables = {name: table(getattr(schedule, name)) for name in names}
-        self._slots = {name: row(getattr(schedule, name)) for name in names}
+        self._tables, self._slots = {}, {}
+        for name in ("round_frame", "round_ping", "epoch_frame", "epoch_ping", "epoch_leaving"):
+            index = getattr(schedule, name)
+            leading = schedule.rounds * (schedule.epochs if name.startswith("epoch") else 1)
+            slot_count = index.size // max(leading, 1)
+            self._tables[name] = wp.array(index.reshape(leading, slot_count), dtype=int, device=device)
+            self._slots[name] = wp.zeros(slot_count, dtype=int, device=device)
+        rows = schedule.epoch_ping.shape[2:]
+        self._entering = self._slots["epoch_ping"].reshape(rows)
+        self._leaving = self._slots["epoch_leaving"].reshape(rows)
         beams = self.rig.fls.beams
         frame_slots, ping_slots = schedule.round_frame.shape[1], schedule.round_ping.shape[1]
         self._slot_seabed = wp.zeros((frame_slots, beams), dtype=float, device=device)
@@ -165,16 +166,16 @@ class Reconstructor:
             echoes: PS echo profiles of the schedule's round, shape [slot, bin].
         """
         self._detect(images, echoes)
-        for _ in range(self.schedule.epoch_frame.shape[1]):
+        for _ in range(self.schedule.epochs):
             self._fuse()
         slots.next_round(self._round, device=self.device)
 
     def _detect(self, images: wp.array, echoes: wp.array) -> None:
         on = {"device": self.device, "threads": self.threads}
         frame, ping = self._slots["round_frame"], self._slots["round_ping"]
-        slots.load_slots(self._tables["round_frame"], self._round, frame, **on)
-        slots.load_slots(self._tables["round_ping"], self._round, ping, **on)
-        slots.gather_rows(frame, self.contacts.seabed_range, self._slot_seabed, **on)
+        slots.load_slots(self._tables["round_frame"], self._round, frame, device=self.device)
+        slots.load_slots(self._tables["round_ping"], self._round, ping, device=self.device)
+        slots.gather_rows(frame, self.contacts.seabed_range, self._slot_seabed, device=self.device)
         nearest = self.settings.detection.edge == "nearest"
         find = critical.find_nearest_critical_points if nearest else critical.find_critical_points
         find(
@@ -187,19 +188,19 @@ class Reconstructor:
             self._slot_bin,
             **on,
         )
-        slots.scatter_rows(frame, self._slot_range, self.contacts.critical_range, **on)
+        slots.scatter_rows(frame, self._slot_range, self.contacts.critical_range, device=self.device)
         profile.detect_profile(self._ps_edge, self._detector, echoes, self._slot_footprint, **on)
-        slots.scatter_rows(ping, self._slot_footprint, self._footprint, **on)
+        slots.scatter_rows(ping, self._slot_footprint, self._footprint, device=self.device)
 
     def _fuse(self) -> None:
         on = {"device": self.device, "threads": self.threads}
         for name in ("epoch_frame", "epoch_ping", "epoch_leaving"):
-            slots.load_slots(self._tables[name], self._epoch, self._slots[name], **on)
-        for name, sign in (("epoch_ping", 1), ("epoch_leaving", -1)):
+            slots.load_slots(self._tables[name], self._epoch, self._slots[name], device=self.device)
+        for pings, sign in ((self._entering, 1), (self._leaving, -1)):
             field.update_field(
                 self.grid,
                 self._model,
-                self._slots[name],
+                pings,
                 self._ping_trajectory,
                 self._world_from_head,
                 self._footprint,
@@ -294,8 +295,8 @@ def _profile_detector(settings: ReconstructionSettings) -> profile.ProfileDetect
     return chosen
 
 
-def _profile_model(settings: ReconstructionSettings, ps: PS) -> field.ProfileModel:
-    chosen = field.ProfileModel()
+def _profile_model(settings: ReconstructionSettings, ps: PS) -> inverse.ProfileModel:
+    chosen = inverse.ProfileModel()
     chosen.hit = settings.likelihood_field.hit
     chosen.miss = settings.likelihood_field.miss
     chosen.no_return = settings.likelihood_field.no_return

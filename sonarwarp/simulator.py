@@ -213,7 +213,7 @@ class Simulator:
         if sonar.slot.shape[0] == 0:
             return
         on = {"device": self.device, "threads": self.threads}
-        slots.load_slots(sonar.table, self._round, sonar.slot, **on)
+        slots.load_slots(sonar.table, self._round, sonar.slot, device=self.device)
         slots.load_poses(
             sonar.slot,
             sonar.pose,
@@ -223,7 +223,7 @@ class Simulator:
             sonar.slot_pose,
             sonar.slot_key,
             sonar.slot_scene,
-            **on,
+            device=self.device,
         )
         echo.form_echoes(
             sonar.fan,

@@ -10,7 +10,15 @@ from typing import Any
 
 import warp as wp
 
-from sonarwarp_kernels.forming import CELL_FLAGGED, CELL_SMOOTH, Scratch, cell_direction, read_cell, sample_cells
+from sonarwarp_kernels.forming import (
+    CELL_FLAGGED,
+    CELL_SMOOTH,
+    Cell,
+    Scratch,
+    cell_direction,
+    read_cell,
+    sample_cells,
+)
 from sonarwarp_kernels.geometry import beam_direction, bin_below
 from sonarwarp_kernels.keys import STREAM_LATTICE, mix_key, uniform
 from sonarwarp_kernels.launch import check_array, lanes, launch
@@ -118,29 +126,27 @@ def next_knot(profile: Profile, after: float, stop: float):
 
 
 @wp.func
-def deposit_strip(
-    fan: Fan, frame: int, beam: int, left: Profile, right: Profile, unit: float, counts_out: wp.array3d(dtype=int)
-):
-    """Write the surface between two columns, piece by piece from knot to knot."""
+def deposit_cell(fan: Fan, frame: int, beam: int, cell: Cell, unit: float, counts_out: wp.array3d(dtype=int)):
+    """Write the surface between the two columns of a smooth cell, piece by piece from knot to knot."""
     start = float(0.0)
-    left_start = left.foot
-    right_start = right.foot
+    near = cell.profile.foot
+    far = cell.next_profile.foot
     while start < 1.0:
         after = start + _SHORTEST_PIECE
-        stop = next_knot(left, after, next_knot(right, after, 1.0))
+        stop = next_knot(cell.profile, after, next_knot(cell.next_profile, after, 1.0))
         if stop > 1.0 - _SHORTEST_PIECE:
             stop = 1.0
-        left_stop = profile_inverse(left, stop)
-        right_stop = profile_inverse(right, stop)
-        centre = 0.25 * (left_start + left_stop + right_start + right_stop)
-        up = 0.25 * wp.abs(left_stop + right_stop - left_start - right_start)
-        across = 0.25 * wp.abs(right_start + right_stop - left_start - left_stop)
+        near_stop = profile_inverse(cell.profile, stop)
+        far_stop = profile_inverse(cell.next_profile, stop)
+        centre = 0.25 * (near + near_stop + far + far_stop)
+        half_up = 0.25 * wp.abs(near_stop + far_stop - near - far)
+        half_across = 0.25 * wp.abs(far + far_stop - near - near_stop)
         middle = 0.5 * (start + stop)
-        weight = 0.5 * (profile_weight(left, middle) + profile_weight(right, middle))
-        deposit(fan, frame, beam, centre, up, across, weight * unit * (stop - start), counts_out)
+        weight = 0.5 * (profile_weight(cell.profile, middle) + profile_weight(cell.next_profile, middle))
+        deposit(fan, frame, beam, centre, half_up, half_across, weight * unit * (stop - start), counts_out)
         start = stop
-        left_start = left_stop
-        right_start = right_stop
+        near = near_stop
+        far = far_stop
 
 
 @wp.kernel
@@ -157,17 +163,11 @@ def write_smooth_kernel(
     frame = line // beams
     beam = line - frame * beams
     unit = fan.amplitude * fan.fixed_point / float(fan.strips * fan.intervals)
-    for index in range(lane, fan.strips * fan.intervals, lane_count):
-        if scratch.state[frame, beam, index] == CELL_SMOOTH:
-            cell = read_cell(fan, scratch, frame, beam, index)
-            if cell.fold >= 1.0:
-                deposit_strip(fan, frame, beam, cell.left, cell.right, unit, counts_out)
-            else:
-                deposit_strip(fan, frame, beam, cell.left, cell.middle, unit * cell.fold, counts_out)
-                middle = cell.middle
-                middle.lower_weight = cell.right.lower_weight
-                middle.upper_weight = cell.right.upper_weight
-                deposit_strip(fan, frame, beam, middle, cell.right, unit * (1.0 - cell.fold), counts_out)
+    for strip in range(fan.strips):
+        column = fan.first_column[beam] + strip
+        for interval in range(lane, fan.intervals, lane_count):
+            if scratch.state[frame, column, interval] == CELL_SMOOTH:
+                deposit_cell(fan, frame, beam, read_cell(scratch, frame, column, interval), unit, counts_out)
 
 
 @wp.kernel
@@ -189,30 +189,31 @@ def write_flagged_kernel(
     beam = line - frame * beams
     pose = world_from_sensor[frame]
     scene = scene_index[frame]
-    reach = forming_reach(fan)
-    key = mix_key(mix_key(frame_key[frame], STREAM_LATTICE), beam)
     unit = fan.amplitude * fan.fixed_point / float(fan.strips * fan.intervals * LATTICE_RAYS)
-    for cell in range(fan.strips * fan.intervals):
-        if scratch.state[frame, beam, cell] >= CELL_FLAGGED:
-            cell_key = mix_key(key, cell)
-            u0 = uniform(cell_key)
-            v0 = uniform(mix_key(cell_key, 1))
-            # Half a footprint along either side of the cell.
-            corner = cell_direction(fan, beam, cell, 0.0, 0.0)
-            across = (cell_direction(fan, beam, cell, 1.0, 0.0) - corner) / float(2 * _LATTICE_SIDE)
-            up = (cell_direction(fan, beam, cell, 0.0, 1.0) - corner) / float(2 * _LATTICE_SIDE)
-            for ray in range(lane, LATTICE_RAYS, lane_count):
-                u = u0 + (float(ray) + 0.5) / float(LATTICE_RAYS)
-                v = v0 + float(ray) * _GOLDEN
-                u -= wp.floor(u)
-                v -= wp.floor(v)
-                sample = take_sample(scenes, scene, pose, cell_direction(fan, beam, cell, u, v), reach)
-                if sample.face != NO_FACE:
-                    centre = sample.inverse
-                    longest = _LONGEST_FOOTPRINT * centre
-                    half_across = wp.min(wp.abs(wp.dot(sample.plane, across)), longest)
-                    half_up = wp.min(wp.abs(wp.dot(sample.plane, up)), longest)
-                    deposit(fan, frame, beam, centre, half_up, half_across, sample.weight * unit, counts_out)
+    for strip in range(fan.strips):
+        column = fan.first_column[beam] + strip
+        key = mix_key(mix_key(frame_key[frame], STREAM_LATTICE), column)
+        for interval in range(fan.intervals):
+            # All lanes share one cell's rays: flagged cells are few and uneven.
+            if scratch.state[frame, column, interval] >= CELL_FLAGGED:
+                cell_key = mix_key(key, interval)
+                shift_across = uniform(cell_key)
+                shift_up = uniform(mix_key(cell_key, 1))
+                # Half a footprint along either side of the cell.
+                foot = cell_direction(fan, column, interval, 0.0, 0.0)
+                across = (cell_direction(fan, column, interval, 1.0, 0.0) - foot) / float(2 * _LATTICE_SIDE)
+                up = (cell_direction(fan, column, interval, 0.0, 1.0) - foot) / float(2 * _LATTICE_SIDE)
+                for ray in range(lane, LATTICE_RAYS, lane_count):
+                    u = shift_across + (float(ray) + 0.5) / float(LATTICE_RAYS)
+                    v = shift_up + float(ray) * _GOLDEN
+                    direction = cell_direction(fan, column, interval, u - wp.floor(u), v - wp.floor(v))
+                    sample = take_sample(scenes, scene, pose, direction, forming_reach(fan))
+                    if sample.face != NO_FACE:
+                        longest = _LONGEST_FOOTPRINT * sample.inverse
+                        half_across = wp.min(wp.abs(wp.dot(sample.plane, across)), longest)
+                        half_up = wp.min(wp.abs(wp.dot(sample.plane, up)), longest)
+                        energy = sample.weight * unit
+                        deposit(fan, frame, beam, sample.inverse, half_up, half_across, energy, counts_out)
 
 
 def form_echoes(

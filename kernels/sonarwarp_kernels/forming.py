@@ -19,11 +19,9 @@ from sonarwarp_kernels.samples import (
     Profile,
     Sample,
     bin_width,
+    column_climb,
     column_profile,
-    faces_join,
-    fold_profile,
-    row_fold,
-    follow_face,
+    follow_column,
     forming_reach,
     profile_inverse,
     samples_agree,
@@ -36,174 +34,129 @@ wp.set_module_options({"enable_backward": False})
 CELL_EMPTY = wp.constant(0)
 CELL_SMOOTH = wp.constant(1)
 CELL_FLAGGED = wp.constant(2)
-"""A pass of the guard that finds a cell rough gives it the next higher state; all from here on are flagged."""
+"""The guard's passes go on from here: what the first finds has the state 3, the second 4. All of these are flagged."""
 
-# A cell beside a flagged one gets this many test rays, in this many passes: without them rods of 1 cm cost 25 % error.
-GUARD_RAYS = wp.constant(8)
+# Intervals of a strip that share one probe: thin things that slip through are found by the guard from their ends.
+_PROBE_INTERVALS = wp.constant(2)
+
+# Test rays in a cell beside one that was flagged before. Without this guard rods of 1 cm cost 25 % error.
+_GUARD_RAYS = wp.constant(8)
 GUARD_PASSES = 8
-PROBE_ALL = wp.constant(False)
 
-
-_FOLD_SLANT = wp.constant(0.5)
 
 @wp.struct
 class Scratch:
     """Caller-owned arrays between the kernels of one image; ``scratch_shapes`` gives their shapes."""
 
     corner: wp.array3d(dtype=Sample)  # [frame, column, row] row between intervals
-    state: wp.array3d(dtype=int)  # [frame, beam, cell] cell = strip * intervals + interval
+    state: wp.array3d(dtype=int)  # [frame, column, interval] of the cell from this column to the next
 
 
 @wp.struct
 class Cell:
-    """Corner samples of a cell, those that met nothing replaced, and the profiles of its two columns."""
+    """Corners of a cell and the profiles of its columns; a corner that met nothing has gone on with its neighbour."""
 
-    a: Sample  # lower azimuth, lower elevation
-    b: Sample  # lower azimuth, upper elevation
-    c: Sample  # upper azimuth, lower elevation
-    d: Sample  # upper azimuth, upper elevation
-    left: Profile
-    right: Profile
-    middle: Profile
-    fold: float
+    low: Sample  # lower azimuth, lower elevation
+    high: Sample  # lower azimuth, upper elevation
+    next_low: Sample  # upper azimuth, lower elevation
+    next_high: Sample  # upper azimuth, upper elevation
+    profile: Profile  # between low and high
+    next_profile: Profile
 
 
 @wp.func
-def elevation_step(fan: Fan):
+def elevation_step(fan: Fan) -> float:
     """Height of a cell [rad]."""
     return (fan.elevation_max - fan.elevation_min) / float(fan.intervals)
 
 
 @wp.func
-def cell_direction(fan: Fan, beam: int, cell: int, u: float, v: float):
-    """Direction inside a cell: ``u`` along azimuth and ``v`` along elevation, both in 0-1."""
-    strip = cell // fan.intervals
-    column = fan.first_column[beam] + strip
+def cell_direction(fan: Fan, column: int, interval: int, across: float, up: float) -> wp.vec3:
+    """Direction inside a cell, in 0-1 along azimuth and along elevation."""
     lower = fan.column_azimuth[column]
     upper = fan.column_azimuth[column + 1]
-    elevation = fan.elevation_min + elevation_step(fan) * (float(cell - strip * fan.intervals) + v)
-    return beam_direction(lower + (upper - lower) * u, elevation, fan.cone)
+    elevation = fan.elevation_min + elevation_step(fan) * (float(interval) + up)
+    return beam_direction(lower + (upper - lower) * across, elevation, fan.cone)
 
 
 @wp.func
-def lend(missing: Sample, beside: Sample, across: Sample, opposite: Sample):
-    """A corner that met nothing goes on with the plane of a neighbour that foretold so."""
+def lend(missing: Sample, beside: Sample, across: Sample, opposite: Sample) -> Sample:
+    """A corner that met nothing, gone on with the plane of a neighbour that foretold so."""
+    if missing.face != NO_FACE:
+        return missing
     lent = beside
     if lent.face == NO_FACE:
         lent = across
     if lent.face == NO_FACE:
         lent = opposite
+    # Beyond reach, so how far is of no matter; a plane that turns away would give a negative range.
     lent.inverse = wp.max(wp.dot(lent.plane, missing.direction), 1.0e-6)
     lent.direction = missing.direction
     return lent
 
 
 @wp.func
-def fold_of(a: Sample, b: Sample, c: Sample, d: Sample, fan: Fan):
-    """Where a fold runs up a cell, 0-1 from its left: 1 for none, negative where the columns tell of two surfaces."""
-    if samples_agree(a, c, fan) and samples_agree(b, d, fan):
-        return 1.0
-    foot = row_fold(a, c, fan)
-    top = row_fold(b, d, fan)
-    if foot < 0.0 or top < 0.0 or wp.abs(foot - top) > _FOLD_SLANT:
-        return -1.0
-    return 0.5 * (foot + top)
-
-
-@wp.func
-def read_cell(fan: Fan, scratch: Scratch, frame: int, beam: int, index: int):
-    """A cell's corners and profiles; at least one corner met something."""
-    strip = index // fan.intervals
-    column = fan.first_column[beam] + strip
-    row = index - strip * fan.intervals
+def read_cell(scratch: Scratch, frame: int, column: int, interval: int) -> Cell:
+    """A cell of which at least one corner met something."""
+    low = scratch.corner[frame, column, interval]
+    high = scratch.corner[frame, column, interval + 1]
+    next_low = scratch.corner[frame, column + 1, interval]
+    next_high = scratch.corner[frame, column + 1, interval + 1]
     cell = Cell()
-    a = scratch.corner[frame, column, row]
-    b = scratch.corner[frame, column, row + 1]
-    c = scratch.corner[frame, column + 1, row]
-    d = scratch.corner[frame, column + 1, row + 1]
-    cell.a = a
-    cell.b = b
-    cell.c = c
-    cell.d = d
-    if a.face == NO_FACE:
-        cell.a = lend(a, b, c, d)
-    if b.face == NO_FACE:
-        cell.b = lend(b, a, d, c)
-    if c.face == NO_FACE:
-        cell.c = lend(c, d, a, b)
-    if d.face == NO_FACE:
-        cell.d = lend(d, c, b, a)
-    cell.left = column_profile(cell.a, cell.b)
-    cell.right = column_profile(cell.c, cell.d)
-    cell.fold = fold_of(cell.a, cell.b, cell.c, cell.d, fan)
-    if cell.fold < 1.0:
-        low_across = wp.dot(cell.a.plane, cell.c.direction) - cell.a.inverse
-        high_across = wp.dot(cell.b.plane, cell.d.direction) - cell.b.inverse
-        cell.middle = fold_profile(cell.a, cell.b, cell.left, cell.right, cell.fold, low_across, high_across)
+    cell.low = lend(low, high, next_low, next_high)
+    cell.high = lend(high, low, next_high, next_low)
+    cell.next_low = lend(next_low, next_high, low, high)
+    cell.next_high = lend(next_high, next_low, high, low)
+    cell.profile = column_profile(cell.low, cell.high)
+    cell.next_profile = column_profile(cell.next_low, cell.next_high)
     return cell
 
 
 @wp.func
-def corners_agree(fan: Fan, scratch: Scratch, frame: int, beam: int, index: int):
-    """Whether a cell's four corners tell of one surface, smooth along azimuth and at most folded along elevation."""
-    strip = index // fan.intervals
-    column = fan.first_column[beam] + strip
-    row = index - strip * fan.intervals
-    a = scratch.corner[frame, column, row]
-    b = scratch.corner[frame, column, row + 1]
-    c = scratch.corner[frame, column + 1, row]
-    d = scratch.corner[frame, column + 1, row + 1]
-    if a.face == b.face and a.face == c.face and a.face == d.face:
-        return True
-    if fold_of(a, b, c, d, fan) < 0.0:
-        return False
-    if not samples_agree(a, b, fan):
-        if not faces_join(a, b, fan):
-            return False
-    if not samples_agree(c, d, fan):
-        if not faces_join(c, d, fan):
-            return False
-    return True
+def state_of_corners(fan: Fan, scratch: Scratch, frame: int, column: int, interval: int) -> int:
+    """State of a cell by its corners alone."""
+    low = scratch.corner[frame, column, interval]
+    high = scratch.corner[frame, column, interval + 1]
+    next_low = scratch.corner[frame, column + 1, interval]
+    next_high = scratch.corner[frame, column + 1, interval + 1]
+    if low.face == high.face and low.face == next_low.face and low.face == next_high.face:
+        return wp.where(low.face == NO_FACE, CELL_EMPTY, CELL_SMOOTH)
+    if not samples_agree(low, high, fan):
+        return CELL_FLAGGED
+    if not samples_agree(next_low, next_high, fan):
+        return CELL_FLAGGED
+    if not samples_agree(low, next_low, fan):
+        return CELL_FLAGGED
+    if not samples_agree(high, next_high, fan):
+        return CELL_FLAGGED
+    return CELL_SMOOTH
 
 
 @wp.func
-def foretells(fan: Fan, scratch: Scratch, frame: int, beam: int, index: int, test: Sample, u: float, v: float):
+def foretold(
+    fan: Fan, scratch: Scratch, frame: int, column: int, interval: int, across: float, up: float, test: Sample
+) -> bool:
     """Whether what a ray inside a cell met is what the cell's corners say."""
-    strip = index // fan.intervals
-    column = fan.first_column[beam] + strip
-    row = index - strip * fan.intervals
-    a = scratch.corner[frame, column, row]
-    b = scratch.corner[frame, column, row + 1]
-    c = scratch.corner[frame, column + 1, row]
-    d = scratch.corner[frame, column + 1, row + 1]
-    known = test.face == a.face or test.face == b.face or test.face == c.face or test.face == d.face
-    if known and a.face == b.face and a.face == c.face and a.face == d.face:
+    state = state_of_corners(fan, scratch, frame, column, interval)
+    if state == CELL_EMPTY:
+        return test.face == NO_FACE
+    cell = read_cell(scratch, frame, column, interval)
+    if test.face == cell.low.face and test.face == cell.next_high.face:
         return True
-    if a.face == NO_FACE and b.face == NO_FACE and c.face == NO_FACE and d.face == NO_FACE:
-        return False
-    cell = read_cell(fan, scratch, frame, beam, index)
-    foretold = float(0.0)
-    if cell.fold >= 1.0:
-        foretold = profile_inverse(cell.left, v) * (1.0 - u) + profile_inverse(cell.right, v) * u
-    elif u < cell.fold:
-        part = u / cell.fold
-        foretold = profile_inverse(cell.left, v) * (1.0 - part) + profile_inverse(cell.middle, v) * part
-    else:
-        part = (1.0 - u) / (1.0 - cell.fold)
-        foretold = profile_inverse(cell.right, v) * (1.0 - part) + profile_inverse(cell.middle, v) * part
+    inverse = profile_inverse(cell.profile, up) * (1.0 - across) + profile_inverse(cell.next_profile, up) * across
     tolerance = _RANGE_BINS * bin_width(fan)
     if test.face == NO_FACE:
-        return foretold * (forming_reach(fan) - tolerance) < 1.0
-    low = wp.min(wp.min(cell.a.inverse, cell.b.inverse), wp.min(cell.c.inverse, cell.d.inverse))
-    high = wp.max(wp.max(cell.a.inverse, cell.b.inverse), wp.max(cell.c.inverse, cell.d.inverse))
-    allowed = wp.max(tolerance * test.inverse * test.inverse, _RANGE_PART * (high - low))
-    if wp.abs(foretold - test.inverse) > allowed:
+        return inverse * (forming_reach(fan) - tolerance) < 1.0
+    nearest = wp.max(wp.max(cell.low.inverse, cell.high.inverse), wp.max(cell.next_low.inverse, cell.next_high.inverse))
+    farthest = wp.min(
+        wp.min(cell.low.inverse, cell.high.inverse), wp.min(cell.next_low.inverse, cell.next_high.inverse)
+    )
+    allowed = wp.max(tolerance * test.inverse * test.inverse, _RANGE_PART * (nearest - farthest))
+    if wp.abs(inverse - test.inverse) > allowed:
         return False
-    if known:
-        return True
-    if v < 0.5:
-        return samples_agree(test, cell.a, fan) and samples_agree(test, cell.c, fan)
-    return samples_agree(test, cell.b, fan) and samples_agree(test, cell.d, fan)
+    if up < 0.5:
+        return samples_agree(test, cell.low, fan) and samples_agree(test, cell.next_low, fan)
+    return samples_agree(test, cell.high, fan) and samples_agree(test, cell.next_high, fan)
 
 
 @wp.kernel
@@ -225,15 +178,13 @@ def cast_corners_kernel(
     scene = scene_index[frame]
     azimuth = fan.column_azimuth[column]
     step = elevation_step(fan)
-    strip = wp.min(column, columns - 2)
-    width = fan.column_azimuth[strip + 1] - fan.column_azimuth[strip]
     for row in range(lane, fan.intervals + 1, lane_count):
         elevation = fan.elevation_min + step * float(row)
         direction = beam_direction(azimuth, elevation, fan.cone)
         sample = take_sample(scenes, scene, pose, direction, forming_reach(fan))
         if sample.face != NO_FACE:
-            above = beam_direction(azimuth, elevation + step, fan.cone)
-            sample = follow_face(scenes, scene, pose, sample, above, step, width * wp.where(fan.cone!=0, wp.cos(azimuth), wp.cos(elevation)))
+            climb = column_climb(azimuth, elevation, fan.cone) * step
+            sample = follow_column(scenes.mesh[scene], pose, sample, climb)
         scratch_out.corner[frame, column, row] = sample
 
 
@@ -250,45 +201,41 @@ def classify_cells_kernel(
 ):
     line, lane = wp.tid()
     line += first
-    beams = fan.azimuth.shape[0]
-    frame = line // beams
-    beam = line - frame * beams
-    key = mix_key(mix_key(frame_key[frame], STREAM_PROBE), beam)
-    for index in range(lane, fan.strips * fan.intervals, lane_count):
-        strip = index // fan.intervals
-        state = int(CELL_FLAGGED)
-        if corners_agree(fan, scratch_out, frame, beam, index):
-            column = fan.first_column[beam] + strip
-            row = index - strip * fan.intervals
-            met = scratch_out.corner[frame, column, row].face != NO_FACE
-            met = met or scratch_out.corner[frame, column + 1, row].face != NO_FACE
-            met = met or scratch_out.corner[frame, column, row + 1].face != NO_FACE
-            met = met or scratch_out.corner[frame, column + 1, row + 1].face != NO_FACE
-            state = wp.where(met, CELL_SMOOTH, CELL_EMPTY)
-            pair_key = mix_key(key, index // 2)
-            if PROBE_ALL or (index & 1) == int(pair_key & wp.uint64(1)):
-                cell_key = mix_key(key, index)
-                u = uniform(cell_key)
-                v = uniform(mix_key(cell_key, 1))
-                direction = cell_direction(fan, beam, index, u, v)
-                probe = take_sample(scenes, scene_index[frame], world_from_sensor[frame], direction, forming_reach(fan))
-                if not foretells(fan, scratch_out, frame, beam, index, probe, u, v):
-                    state = CELL_FLAGGED
-        scratch_out.state[frame, beam, index] = state
+    strips = fan.azimuth.shape[0] * fan.strips
+    frame = line // strips
+    strip = line - frame * strips
+    column = fan.first_column[strip // fan.strips] + strip % fan.strips
+    pose = world_from_sensor[frame]
+    scene = scene_index[frame]
+    key = mix_key(mix_key(frame_key[frame], STREAM_PROBE), column)
+    for interval in range(lane, fan.intervals, lane_count):
+        state = state_of_corners(fan, scratch_out, frame, column, interval)
+        group = interval // _PROBE_INTERVALS
+        group_key = mix_key(key, group)
+        height = float(_PROBE_INTERVALS) * uniform(group_key)
+        up = height - float(interval - group * _PROBE_INTERVALS)
+        if state != CELL_FLAGGED and up >= 0.0 and up < 1.0:
+            across = uniform(mix_key(group_key, 1))
+            direction = cell_direction(fan, column, interval, across, up)
+            probe = take_sample(scenes, scene, pose, direction, forming_reach(fan))
+            if not foretold(fan, scratch_out, frame, column, interval, across, up, probe):
+                state = CELL_FLAGGED
+        scratch_out.state[frame, column, interval] = state
 
 
 @wp.func
-def has_state(fan: Fan, scratch: Scratch, frame: int, beam: int, strip: int, interval: int, state: int):
-    """Whether a cell, perhaps of the next beam or outside of the fan, has the given state."""
-    if strip < 0:
-        beam -= 1
-        strip += fan.strips
-    if strip >= fan.strips:
-        beam += 1
-        strip -= fan.strips
-    if beam < 0 or beam >= fan.azimuth.shape[0] or interval < 0 or interval >= fan.intervals:
-        return False
-    return scratch.state[frame, beam, strip * fan.intervals + interval] == state
+def beside(fan: Fan, scratch: Scratch, frame: int, column: int, interval: int, state: int) -> bool:
+    """Whether one of the four cells around a cell has a state; columns between beams that do not touch have none."""
+    if interval > 0:
+        if scratch.state[frame, column, interval - 1] == state:
+            return True
+    if interval < fan.intervals - 1:
+        if scratch.state[frame, column, interval + 1] == state:
+            return True
+    if column > 0:
+        if scratch.state[frame, column - 1, interval] == state:
+            return True
+    return scratch.state[frame, column + 1, interval] == state
 
 
 @wp.kernel
@@ -299,45 +246,43 @@ def guard_cells_kernel(
     world_from_sensor: wp.array(dtype=wp.transform),  # [frame]
     scene_index: wp.array(dtype=int),  # [frame]
     frame_key: wp.array(dtype=wp.uint64),  # [frame]
-    found: int,
+    before: int,
     lane_count: int,
     scratch_out: Scratch,
 ):
+    # Neighbours may be given their state in this pass while they are read: it is not the state that is looked for.
     line, lane = wp.tid()
     line += first
-    beams = fan.azimuth.shape[0]
-    frame = line // beams
-    beam = line - frame * beams
-    key = mix_key(mix_key(mix_key(frame_key[frame], STREAM_GUARD), beam), found)
-    for index in range(lane, fan.strips * fan.intervals, lane_count):
-        strip = index // fan.intervals
-        interval = index - strip * fan.intervals
-        if scratch_out.state[frame, beam, index] < CELL_FLAGGED:
-            beside = (
-                has_state(fan, scratch_out, frame, beam, strip - 1, interval, found)
-                or has_state(fan, scratch_out, frame, beam, strip + 1, interval, found)
-                or has_state(fan, scratch_out, frame, beam, strip, interval - 1, found)
-                or has_state(fan, scratch_out, frame, beam, strip, interval + 1, found)
-            )
-            if beside:
-                cell_key = mix_key(key, index)
-                for ray in range(GUARD_RAYS):
-                    u = (float(ray) + uniform(mix_key(cell_key, 2 * ray))) / float(GUARD_RAYS)
-                    v = uniform(mix_key(cell_key, 2 * ray + 1))
-                    direction = cell_direction(fan, beam, index, u, v)
-                    test = take_sample(
-                        scenes, scene_index[frame], world_from_sensor[frame], direction, forming_reach(fan)
-                    )
-                    if not foretells(fan, scratch_out, frame, beam, index, test, u, v):
-                        scratch_out.state[frame, beam, index] = found + 1
-                        break
+    strips = fan.azimuth.shape[0] * fan.strips
+    frame = line // strips
+    strip = line - frame * strips
+    column = fan.first_column[strip // fan.strips] + strip % fan.strips
+    pose = world_from_sensor[frame]
+    scene = scene_index[frame]
+    key = mix_key(mix_key(mix_key(frame_key[frame], STREAM_GUARD), column), before)
+    for interval in range(lane, fan.intervals, lane_count):
+        guarded = bool(False)
+        if scratch_out.state[frame, column, interval] < CELL_FLAGGED:
+            guarded = beside(fan, scratch_out, frame, column, interval, before)
+        if guarded:
+            cell_key = mix_key(key, interval)
+            for ray in range(_GUARD_RAYS):
+                ray_key = mix_key(cell_key, ray)
+                across = (float(ray) + uniform(ray_key)) / float(_GUARD_RAYS)
+                up = uniform(mix_key(ray_key, 1))
+                direction = cell_direction(fan, column, interval, across, up)
+                test = take_sample(scenes, scene, pose, direction, forming_reach(fan))
+                if not foretold(fan, scratch_out, frame, column, interval, across, up, test):
+                    scratch_out.state[frame, column, interval] = before + 1
+                    break
 
 
 def scratch_shapes(fan: Fan, frames: int) -> dict[str, tuple[tuple[int, int, int], Any]]:
     """Shape and Warp type of each array of ``Scratch`` for ``frames`` frames."""
+    columns = fan.column_azimuth.shape[0]
     return {
-        "corner": ((frames, fan.column_azimuth.shape[0], fan.intervals + 1), Sample),
-        "state": ((frames, fan.azimuth.shape[0], fan.strips * fan.intervals), wp.int32),
+        "corner": ((frames, columns, fan.intervals + 1), Sample),
+        "state": ((frames, columns, fan.intervals), wp.int32),
     }
 
 
@@ -372,9 +317,10 @@ def sample_cells(
     lane_count = lanes(device)
     posed = [fan, scenes, world_from_sensor, scene_index]
     columns = (frames * fan.column_azimuth.shape[0], lane_count)
-    rows = (frames * fan.azimuth.shape[0], lane_count)
+    strips = (frames * fan.azimuth.shape[0] * fan.strips, lane_count)
+    scratch_out.state.zero_()
     launch(cast_corners_kernel, columns, [*posed, lane_count], [scratch_out], device, threads)
-    launch(classify_cells_kernel, rows, [*posed, frame_key, lane_count], [scratch_out], device, threads)
+    launch(classify_cells_kernel, strips, [*posed, frame_key, lane_count], [scratch_out], device, threads)
     for guard in range(GUARD_PASSES):
         inputs = [*posed, frame_key, int(CELL_FLAGGED) + guard, lane_count]
-        launch(guard_cells_kernel, rows, inputs, [scratch_out], device, threads)
+        launch(guard_cells_kernel, strips, inputs, [scratch_out], device, threads)

@@ -24,8 +24,9 @@ One definition for every method, over every emitted point. The steps, for each o
    fall on slabs.
 6. **Front slope.** Front points are those of the central section up to the x at which the envelope first reaches 90 %
    of the top (the object's height, or the envelope's own where that stays lower) with two nodes in a row, plus 5 % of
-   the height: a jittering top stays out, the spread of a steep face stays in. Medians of x and z in eight height bins,
-   least squares of x on z.
+   the height, and farther the lower they lie, as on a face that overhangs by 30 degrees: a jittering top stays out, the
+   spread of a steep face and a front that leans too far stay in. Medians of x and z in eight height bins, least squares
+   of x on z.
 
 A sample spacing is the gap that the typical place falls into: the length-weighted median of the gaps between sorted
 coordinates, the frame step of a sonar and next to nothing in a dense cloud; blind to a hole, since it never exceeds the
@@ -75,6 +76,9 @@ _SEABED = 0.05
 _TOP_LAYER = 0.05
 _BRIDGE = 0.5
 _FRONT_MARGIN = 0.05
+
+# Run per height of the steepest overhang that still counts as a front.
+_OVERHANG = math.tan(math.radians(30.0))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -337,7 +341,7 @@ def _front(section: np.ndarray, envelope: _Envelope, height: float) -> tuple[flo
     top = min(height, float(envelope.z.max()))
     high = envelope.z >= 0.9 * top
     end = envelope.x[np.argmax(high & np.append(high[1:], True))] + _FRONT_MARGIN * height
-    x, _, z = section[section[:, 0] <= end].T
+    x, _, z = section[section[:, 0] <= end + _OVERHANG * np.maximum(0.9 * top - section[:, 2], 0.0)].T
     height_bin = np.floor((z / height - 0.1) / (0.8 / HEIGHT_BINS))
     inside = [height_bin == index for index in range(HEIGHT_BINS)]
     filled = [held for held in inside if np.count_nonzero(held) >= LEAST_POINTS]

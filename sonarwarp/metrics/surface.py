@@ -295,7 +295,7 @@ def _to_surface(
     mesh = _mesh(corners, indices, device)
     row, owner = _row(points, device)
     everything = np.concatenate([corners, *points])
-    distance = wp.empty(firsts[-1], dtype=float, device=device)
+    distance = wp.zeros(firsts[-1], dtype=float, device=device)
     surface.surface_points(
         wp.array([mesh.id] * len(points), dtype=wp.uint64, device=device),
         row,
@@ -303,8 +303,8 @@ def _to_surface(
         # No nearest point is farther than the box around everything is long; the margin covers its own rounding.
         1.01 * float(np.linalg.norm(np.ptp(everything, axis=0))) + 1e-3,
         distance,
-        wp.empty(firsts[-1], dtype=wp.vec3, device=device),
-        wp.empty(firsts[-1], dtype=int, device=device),
+        wp.zeros(firsts[-1], dtype=wp.vec3, device=device),
+        wp.zeros(firsts[-1], dtype=int, device=device),
         device=device,
         threads=threads,
     )
@@ -321,28 +321,28 @@ def _to_cloud(
     row, owner = _row(samples, device)
     first_point = _firsts(points)
     cloud, _ = _row(points, device)
-    # float32 rounds a distance of exactly the tolerance either way: it counts as within.
-    reach = tolerance * (1.0 + 1e-6)
-    grids = []
-    for first, last in itertools.pairwise(first_point):
-        grid = None
-        if last > first:
-            grid = wp.HashGrid(128, 128, 128, device=device)
-            grid.build(cloud[first:last], reach)
-        grids.append(grid)
-    distance = wp.empty(firsts[-1], dtype=float, device=device)
+    grids = [_grid(each, tolerance, device) if len(each) else None for each in points]
+    distance = wp.zeros(firsts[-1], dtype=float, device=device)
     surface.cloud_distances(
         wp.array([0 if grid is None else grid.id for grid in grids], dtype=wp.uint64, device=device),
         cloud,
         wp.array(first_point[:-1], dtype=int, device=device),
         row,
         owner,
-        reach,
+        tolerance,
         distance,
         device=device,
         threads=threads,
     )
     return np.split(distance.numpy().astype(np.float64), firsts[1:-1])
+
+
+def _grid(points: np.ndarray, cell: float, device: wp.Device) -> wp.HashGrid:
+    """Hash grid over a cloud; no larger than the cloud needs, since a batch has one for each."""
+    cells = np.clip(np.ceil(np.ptp(points, axis=0) / cell), 4, 128).astype(int)
+    grid = wp.HashGrid(*cells.tolist(), device=device)
+    grid.build(wp.array(points, dtype=wp.vec3, device=device), cell)
+    return grid
 
 
 def _metrics(to_surface: np.ndarray, to_cloud: np.ndarray, tolerance: float) -> SurfaceMetrics:
