@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import warp as wp
-from sonarwarp_kernels.specs import Grid
 
 from sonarwarp.poses import rotate
 from sonarwarp.settings import LikelihoodField
 from sonarwarp.sonar import FLS
 from sonarwarp.survey import Survey, by_trajectory
+from sonarwarp_kernels.specs import Grid
 
 # Margin around the region of interest: a PS beam's half width at 5 m [m].
 _MARGIN = 0.1

@@ -8,9 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import warp as wp
-from sonarwarp_kernels import critical, estimate, field, geometry, inverse, keys, particles, profile, slots
-from sonarwarp_kernels.launch import cpu_threads
-from sonarwarp_kernels.specs import Mixture
 
 from sonarwarp.cloud import PointCloud
 from sonarwarp.field_box import plan_grid
@@ -20,6 +17,9 @@ from sonarwarp.settings import ReconstructionSettings
 from sonarwarp.simulator import MEMORY, owner_keys, seabed_echo
 from sonarwarp.sonar import PS, Rig
 from sonarwarp.survey import Survey
+from sonarwarp_kernels import critical, estimate, field, geometry, inverse, keys, particles, profile, slots
+from sonarwarp_kernels.launch import cpu_threads
+from sonarwarp_kernels.specs import Mixture
 
 QUALITIES = {0: "none", 1: "fallback", 2: "informed"}
 """Meaning of the clouds' attribute ``quality``."""

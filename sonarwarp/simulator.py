@@ -8,19 +8,17 @@ from dataclasses import dataclass
 
 import numpy as np
 import warp as wp
-from sonarwarp_kernels import echo, forming, geometry, keys, noise, slots
-from sonarwarp_kernels.launch import cpu_threads
-from sonarwarp_kernels.specs import Fan, SceneTable
-from sonarwarp_scenes import Scene, Trajectory
 
 from sonarwarp.log import SonarLog
+from sonarwarp.scene_table import DeviceScenes, scene_of_trajectory
 from sonarwarp.schedule import Schedule, frames_per_round, plan_schedule
 from sonarwarp.settings import NO_NOISE, Noise
 from sonarwarp.sonar import Rig
 from sonarwarp.survey import Survey, plan_survey
-
-WATER_IMPEDANCE = 1.5e6
-"""Acoustic impedance of water [rayl]: 1,000 kg/m3 times 1,500 m/s."""
+from sonarwarp_kernels import echo, forming, geometry, keys, noise, slots
+from sonarwarp_kernels.launch import cpu_threads
+from sonarwarp_kernels.specs import Fan
+from sonarwarp_scenes import Scene, Trajectory
 
 SAND_REFLECTION = 0.35
 """Reflection of the seabed that the background is measured against: sand in water."""
@@ -109,15 +107,10 @@ class Simulator:
             ValueError: a trajectory without a scene.
         """
         trajectories = survey.trajectories
-        if scene_of is None:
-            scene_of = [0] * trajectories if len(scenes) == 1 else list(range(trajectories))
-        if len(scene_of) != trajectories or (trajectories and not 0 <= min(scene_of) <= max(scene_of) < len(scenes)):
-            raise ValueError(f"scene_of: {list(scene_of)} does not name one of {len(scenes)} scenes per trajectory")
+        owner_scene = scene_of_trajectory(scene_of, trajectories, len(scenes))
         self.survey = survey
         self.schedule = schedule
-        self._upload_scenes(scenes)
-        self._empty_scene = len(scenes)
-        owner_scene = np.asarray(scene_of, dtype=np.int32)
+        self._scenes = DeviceScenes(scenes, self.device)
         self._owner_keys = owner_keys(trajectories, seed, trajectory_keys, self.device)
         frames, pings = survey.frames, survey.pings
         level = float(np.median(frames.altitude)) if len(frames) else 1.0
@@ -145,25 +138,6 @@ class Simulator:
         angle = wp.array(pings.head_angle, dtype=float, device=self.device)
         geometry.turn_heads(self._ps.pose, angle, self._ps.pose, device=self.device, threads=self.threads)
         self._round = wp.zeros(1, dtype=int, device=self.device)
-
-    def _upload_scenes(self, scenes: Sequence[Scene]) -> None:
-        # The meshes must outlive every launch: Warp only keeps ids.
-        self._meshes = [
-            wp.Mesh(
-                wp.array(scene.vertices, dtype=wp.vec3, device=self.device),
-                wp.array(scene.faces.reshape(-1), dtype=int, device=self.device),
-                bvh_constructor="sah",
-            )
-            for scene in scenes
-        ]
-        counts = [len(scene.faces) for scene in scenes]
-        table = SceneTable()
-        table.mesh = wp.array([*(mesh.id for mesh in self._meshes), 0], dtype=wp.uint64, device=self.device)
-        table.first_face = wp.array(np.cumsum([0, *counts]), dtype=int, device=self.device)
-        impedance = np.concatenate([scene.impedance for scene in scenes])
-        table.impedance = wp.array(impedance, dtype=float, device=self.device)
-        table.water = WATER_IMPEDANCE
-        self._scenes = table
 
     def _allocate(
         self,
@@ -219,7 +193,7 @@ class Simulator:
             sonar.pose,
             sonar.key,
             sonar.scene,
-            self._empty_scene,
+            self._scenes.empty,
             sonar.slot_pose,
             sonar.slot_key,
             sonar.slot_scene,
@@ -227,7 +201,7 @@ class Simulator:
         )
         echo.form_echoes(
             sonar.fan,
-            self._scenes,
+            self._scenes.table,
             sonar.slot_pose,
             sonar.slot_scene,
             sonar.slot_key,

@@ -11,9 +11,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import warp as wp
-from sonarwarp_kernels.specs import Fan
 
 from sonarwarp.checks import finite_array, in_range
+from sonarwarp_kernels.specs import Fan
 
 # Integer sums hold this many counts for the largest amplitude that a bin can reach: one bit under the sign is spare.
 _FULL_SCALE = 2.0**30

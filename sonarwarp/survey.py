@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from sonarwarp_scenes import Trajectory
 
 from sonarwarp.checks import finite_array
 from sonarwarp.poses import compose
 from sonarwarp.sonar import Rig
+from sonarwarp_scenes import Trajectory
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

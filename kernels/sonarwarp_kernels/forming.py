@@ -14,16 +14,15 @@ from sonarwarp_kernels.keys import STREAM_GUARD, STREAM_PROBE, mix_key, uniform
 from sonarwarp_kernels.launch import check_array, lanes, launch
 from sonarwarp_kernels.raycast import NO_FACE
 from sonarwarp_kernels.samples import (
-    _RANGE_BINS,
-    _RANGE_PART,
     Profile,
     Sample,
-    bin_width,
     column_climb,
     column_profile,
     follow_column,
     forming_reach,
+    is_beyond_reach,
     profile_inverse,
+    ranges_agree,
     samples_agree,
     take_sample,
 )
@@ -121,38 +120,31 @@ def state_of_corners(fan: Fan, scratch: Scratch, frame: int, column: int, interv
     next_high = scratch.corner[frame, column + 1, interval + 1]
     if low.face == high.face and low.face == next_low.face and low.face == next_high.face:
         return wp.where(low.face == NO_FACE, CELL_EMPTY, CELL_SMOOTH)
-    if not samples_agree(low, high, fan):
-        return CELL_FLAGGED
-    if not samples_agree(next_low, next_high, fan):
-        return CELL_FLAGGED
-    if not samples_agree(low, next_low, fan):
-        return CELL_FLAGGED
-    if not samples_agree(high, next_high, fan):
-        return CELL_FLAGGED
-    return CELL_SMOOTH
+    smooth = (
+        samples_agree(low, high, fan)
+        and samples_agree(next_low, next_high, fan)
+        and samples_agree(low, next_low, fan)
+        and samples_agree(high, next_high, fan)
+    )
+    return wp.where(smooth, CELL_SMOOTH, CELL_FLAGGED)
 
 
 @wp.func
-def foretold(
+def is_foretold(
     fan: Fan, scratch: Scratch, frame: int, column: int, interval: int, across: float, up: float, test: Sample
 ) -> bool:
-    """Whether what a ray inside a cell met is what the cell's corners say."""
-    state = state_of_corners(fan, scratch, frame, column, interval)
-    if state == CELL_EMPTY:
+    """Whether what a ray inside a cell met, ``across`` and ``up`` in 0-1, is what the cell's corners say."""
+    if state_of_corners(fan, scratch, frame, column, interval) == CELL_EMPTY:
         return test.face == NO_FACE
     cell = read_cell(scratch, frame, column, interval)
     if test.face == cell.low.face and test.face == cell.next_high.face:
         return True
     inverse = profile_inverse(cell.profile, up) * (1.0 - across) + profile_inverse(cell.next_profile, up) * across
-    tolerance = _RANGE_BINS * bin_width(fan)
     if test.face == NO_FACE:
-        return inverse * (forming_reach(fan) - tolerance) < 1.0
-    nearest = wp.max(wp.max(cell.low.inverse, cell.high.inverse), wp.max(cell.next_low.inverse, cell.next_high.inverse))
-    farthest = wp.min(
-        wp.min(cell.low.inverse, cell.high.inverse), wp.min(cell.next_low.inverse, cell.next_high.inverse)
-    )
-    allowed = wp.max(tolerance * test.inverse * test.inverse, _RANGE_PART * (nearest - farthest))
-    if wp.abs(inverse - test.inverse) > allowed:
+        return is_beyond_reach(inverse, fan)
+    most = wp.max(wp.max(cell.low.inverse, cell.high.inverse), wp.max(cell.next_low.inverse, cell.next_high.inverse))
+    least = wp.min(wp.min(cell.low.inverse, cell.high.inverse), wp.min(cell.next_low.inverse, cell.next_high.inverse))
+    if not ranges_agree(test.inverse, inverse, most - least, fan):
         return False
     if up < 0.5:
         return samples_agree(test, cell.low, fan) and samples_agree(test, cell.next_low, fan)
@@ -218,24 +210,23 @@ def classify_cells_kernel(
             across = uniform(mix_key(group_key, 1))
             direction = cell_direction(fan, column, interval, across, up)
             probe = take_sample(scenes, scene, pose, direction, forming_reach(fan))
-            if not foretold(fan, scratch_out, frame, column, interval, across, up, probe):
+            if not is_foretold(fan, scratch_out, frame, column, interval, across, up, probe):
                 state = CELL_FLAGGED
         scratch_out.state[frame, column, interval] = state
 
 
 @wp.func
 def beside(fan: Fan, scratch: Scratch, frame: int, column: int, interval: int, state: int) -> bool:
-    """Whether one of the four cells around a cell has a state; columns between beams that do not touch have none."""
-    if interval > 0:
-        if scratch.state[frame, column, interval - 1] == state:
-            return True
-    if interval < fan.intervals - 1:
-        if scratch.state[frame, column, interval + 1] == state:
-            return True
-    if column > 0:
-        if scratch.state[frame, column - 1, interval] == state:
-            return True
-    return scratch.state[frame, column + 1, interval] == state
+    """Whether one of the four cells around a cell has a state that the cell itself has not."""
+    below = wp.max(interval - 1, 0)
+    above = wp.min(interval + 1, fan.intervals - 1)
+    before = wp.max(column - 1, 0)
+    return (
+        scratch.state[frame, column, below] == state
+        or scratch.state[frame, column, above] == state
+        or scratch.state[frame, before, interval] == state
+        or scratch.state[frame, column + 1, interval] == state
+    )
 
 
 @wp.kernel
@@ -272,7 +263,7 @@ def guard_cells_kernel(
                 up = uniform(mix_key(ray_key, 1))
                 direction = cell_direction(fan, column, interval, across, up)
                 test = take_sample(scenes, scene, pose, direction, forming_reach(fan))
-                if not foretold(fan, scratch_out, frame, column, interval, across, up, test):
+                if not is_foretold(fan, scratch_out, frame, column, interval, across, up, test):
                     scratch_out.state[frame, column, interval] = before + 1
                     break
 

@@ -18,7 +18,7 @@ NO_HIT = wp.constant(float("inf"))
 
 NO_FACE = wp.constant(-1)
 
-# A shared edge lets a ray slip between its two faces; a second ray a micrometre aside at 1 m does not find the same gap.
+# A ray may slip between two faces that share an edge; one that is a micrometre aside at 1 m does not find the same gap.
 _OFFSET = wp.constant(1.0e-6)
 
 

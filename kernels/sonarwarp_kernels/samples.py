@@ -18,6 +18,9 @@ _REACH_BINS = wp.constant(4.0)
 # Least |n . d|: a ray that grazes its face must not make an infinite plane.
 _LEAST_COSINE = wp.constant(1.0e-4)
 
+# Nearer than any window's start [m].
+_LEAST_DISTANCE = wp.constant(1.0e-3)
+
 # Where a face goes on so far that its end does not matter, in cell heights.
 _FAR = wp.constant(1.0e6)
 
@@ -89,6 +92,8 @@ def take_sample(scenes: SceneTable, scene: int, pose: wp.transform, direction: w
     distance, face, normal = cast_ray(scenes.mesh[scene], wp.transform_get_translation(pose), world, reach)
     sample.face = face
     if face != NO_FACE:
+        # A sonar that touches a face is at no distance, but has no inverse range then.
+        distance = wp.max(distance, _LEAST_DISTANCE)
         cosine = wp.dot(normal, world)
         if wp.abs(cosine) < _LEAST_COSINE:
             cosine = wp.where(cosine < 0.0, -_LEAST_COSINE, _LEAST_COSINE)
@@ -112,7 +117,7 @@ def column_climb(azimuth: float, elevation: float, cone: int) -> wp.vec3:
 
 @wp.func
 def follow_column(mesh: wp.uint64, pose: wp.transform, sample: Sample, climb: wp.vec3) -> Sample:
-    """Add how a sample's face goes on; ``climb`` is the direction's gain over one cell height, at right angles to it."""
+    """Add how a sample's face goes on; ``climb`` is what the direction gains over one cell height."""
     sample.rise = wp.dot(sample.plane, climb)
     # The plane that holds the column, in which the face is a line: cut both edges that cross it.
     scale = wp.length_sq(climb)
@@ -127,7 +132,7 @@ def follow_column(mesh: wp.uint64, pose: wp.transform, sample: Sample, climb: wp
     at_b = wp.dot(b, side)
     at_c = wp.dot(c, side)
     for _edge in range(3):
-        if at_a * at_b < 0.0:
+        if at_a * at_b <= 0.0 and at_a != at_b:
             point = a * at_b - b * at_a
             forward = wp.dot(point, along)
             upward = wp.dot(point, up)
@@ -152,19 +157,31 @@ def follow_column(mesh: wp.uint64, pose: wp.transform, sample: Sample, climb: wp
 
 
 @wp.func
+def ranges_agree(inverse: float, foretold: float, spread: float, fan: Fan) -> bool:
+    """Whether an inverse range is as foretold, in a place over which inverse ranges differ by ``spread`` [1/m]."""
+    bins = _RANGE_BINS * bin_width(fan) * inverse * inverse
+    return wp.abs(inverse - foretold) <= wp.max(bins, _RANGE_PART * spread)
+
+
+@wp.func
+def is_beyond_reach(foretold: float, fan: Fan) -> bool:
+    """Whether a ray may well meet nothing where a foretold inverse range [1/m] lies."""
+    return foretold * (forming_reach(fan) - _RANGE_BINS * bin_width(fan)) < 1.0
+
+
+@wp.func
 def samples_agree(a: Sample, b: Sample, fan: Fan) -> bool:
     """Whether two rays tell of one smooth surface: same face, or planes that foretell each other."""
     if a.face == b.face:
         return True
-    tolerance = _RANGE_BINS * bin_width(fan)
-    if a.face == NO_FACE or b.face == NO_FACE:
-        # One of the two terms is zero: the plane that was met must lie beyond reach where nothing was.
-        foretold = wp.dot(a.plane, b.direction) + wp.dot(b.plane, a.direction)
-        return foretold * (forming_reach(fan) - tolerance) < 1.0
-    part = _RANGE_PART * wp.abs(a.inverse - b.inverse)
-    if wp.abs(wp.dot(a.plane, b.direction) - b.inverse) > wp.max(tolerance * b.inverse * b.inverse, part):
-        return False
-    if wp.abs(wp.dot(b.plane, a.direction) - a.inverse) > wp.max(tolerance * a.inverse * a.inverse, part):
+    b_by_a = wp.dot(a.plane, b.direction)
+    a_by_b = wp.dot(b.plane, a.direction)
+    if a.face == NO_FACE:
+        return is_beyond_reach(a_by_b, fan)
+    if b.face == NO_FACE:
+        return is_beyond_reach(b_by_a, fan)
+    spread = wp.abs(a.inverse - b.inverse)
+    if not (ranges_agree(a.inverse, a_by_b, spread, fan) and ranges_agree(b.inverse, b_by_a, spread, fan)):
         return False
     square_a = wp.length_sq(a.plane)
     square_b = wp.length_sq(b.plane)

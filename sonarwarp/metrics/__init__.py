@@ -1,5 +1,6 @@
 """How good a cloud is, against the known scene; one definition for every method, over every emitted point."""
 
+from sonarwarp.metrics.calibration import CalibrationMetrics, evaluate_calibration
 from sonarwarp.metrics.section import ObjectTruth, SectionMetrics, evaluate_section
 from sonarwarp.metrics.surface import (
     SonarView,
@@ -10,10 +11,12 @@ from sonarwarp.metrics.surface import (
 )
 
 __all__ = [
+    "CalibrationMetrics",
     "ObjectTruth",
     "SectionMetrics",
     "SonarView",
     "SurfaceMetrics",
+    "evaluate_calibration",
     "evaluate_section",
     "evaluate_surface",
     "sample_surface",

@@ -268,8 +268,6 @@ def _envelope(points: np.ndarray, column: np.ndarray, height: float) -> _Envelop
     np.maximum.at(highest, cell, z)
     top = z >= highest[cell] - _TOP_LAYER * height
     node_x, node_z = _medians(x_bin[top], x[top]), _medians(x_bin[top], z[top])
-    order = np.argsort(node_x, kind="stable")
-    node_x, node_z = node_x[order], node_z[order]
     node_z[1:-1] = np.median(np.stack([node_z[:-2], node_z[1:-1], node_z[2:]]), axis=0)
     step = float(np.median(np.diff(node_x)))
     ends = [_column_ends(x[column == index], z[column == index], step) for index in np.unique(column)]

@@ -15,11 +15,11 @@ from dataclasses import dataclass, fields
 import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike
-from sonarwarp_kernels import surface
-from sonarwarp_kernels.launch import cpu_threads
 
 from sonarwarp.checks import finite_array, in_range
 from sonarwarp.sonar import FLS, PS
+from sonarwarp_kernels import surface
+from sonarwarp_kernels.launch import cpu_threads
 
 # How much nearer a face has to be to hide a sample [m]: far over the rounding of a ray that grazes the sample's own
 # face at some metres, far under anything that a sonar tells apart.
