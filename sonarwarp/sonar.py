@@ -18,6 +18,9 @@ from sonarwarp_kernels.specs import Fan
 # Integer sums hold this many counts for the largest amplitude that a bin can reach: one bit under the sign is spare.
 _FULL_SCALE = 2.0**30
 
+# Widest strip of a beam [rad]. Over a brick's edges strips of 1 deg are 1.6 % wrong, of 0.5 deg 0.8 %, of 3 deg 2.7 %.
+_WIDEST_STRIP = math.radians(0.5)
+
 
 def uniform_edges(start: float, stop: float, count: int) -> np.ndarray:
     """Edges of ``count`` equal bins from ``start`` to ``stop``, shape [count + 1]."""
@@ -48,7 +51,8 @@ class FLS:
     """Gain on the echo amplitude [dB]. Ours."""
 
     intervals: int = 64
-    """Elevation intervals that an image is formed from. Ours: what 1.5 % error on a rough seabed needs."""
+    """Elevation intervals that an image is formed from. Ours: on a rough seabed (1 cm RMS over 0.3 m) 64 are 0.9 %
+    wrong at the tilt of 40 deg and 1.3 % at the field test's 25 deg; 48 are 1.1 and 1.7 % for a fifth less time."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "azimuth_edge", finite_array("FLS.azimuth_edge", self.azimuth_edge, ascending=True))
@@ -81,10 +85,22 @@ class FLS:
         """Half the vertical beamwidth [rad]."""
         return math.radians(self.vertical_beamwidth_deg) / 2
 
+    @property
+    def strips(self) -> int:
+        """Strips that every beam is cut into: 1 unless a beam is wider than 0.5 deg."""
+        return math.ceil(float(np.max(np.diff(self.azimuth_edge))) / _WIDEST_STRIP)
+
     def fan(self, device: str | wp.Device) -> Fan:
         """The kernels' description, its arrays on ``device``."""
         return _fan(
-            self.azimuth_edge, 1, self.half_elevation, self.intervals, self.cone, self.range_edge, self.gain_db, device
+            self.azimuth_edge,
+            self.strips,
+            self.half_elevation,
+            self.intervals,
+            self.cone,
+            self.range_edge,
+            self.gain_db,
+            device,
         )
 
 
@@ -114,10 +130,11 @@ class PS:
     """Gain on the echo amplitude [dB]. Paper (simulation)."""
 
     strips: int = 4
-    """Strips in the scan plane that an echo is formed from. Ours."""
+    """Strips in the scan plane that an echo is formed from. Ours: 0.7 % error or less over a flat and a rough seabed,
+    2 strips 1.7 %; 0.05 to 0.2 ms a ping."""
 
-    intervals: int = 40
-    """Intervals across the scan plane that an echo is formed from. Ours."""
+    intervals: int = 20
+    """Intervals across the scan plane that an echo is formed from. Ours: 40 change nothing that matters (0.5 %)."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "range_edge", finite_array("PS.range_edge", self.range_edge, ascending=True))

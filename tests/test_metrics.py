@@ -156,6 +156,33 @@ def test_a_false_ramp_counts_in_full(step, noise):
     assert metrics.volume_error == pytest.approx(metrics.volume / truth.volume - 1.0)
 
 
+def test_beams_that_spread_with_range_leave_the_false_ramp_its_figures():
+    # Seen from 1.8 m at a fixed depression of 25 degrees: y is distance times tan(azimuth), a frame's step moves the
+    # contact a fifth as far on the ramp as on the top, and beams are 1.7 cm apart at the top and 2 cm at the foot.
+    truth = brick()
+    random = np.random.default_rng(6)
+    drop, rise = math.tan(math.radians(25.0)), math.tan(math.radians(62.0))
+    across = np.tan(np.radians(np.arange(-14.5, 14.5, 29 / 96)))
+    foot, areas, volumes = -0.39 / rise, [], []
+    for _ in range(20):
+        vehicle = foot - 5.0 + 0.01 * (np.arange(600) + random.random())
+        ahead = (1.8 - (vehicle - foot) * rise) / (rise + drop)
+        ahead = np.where(vehicle + ahead < 0.0, ahead, (1.8 - 0.39) / drop)
+        x, y = vehicle[:, None] + 0.0 * across, ahead[:, None] * (across + 0.005 * random.random())
+        x, z = x + ahead[:, None], (1.8 - ahead * drop)[:, None] + 0.0 * across
+        met = (x >= foot) & (x <= truth.depth) & (np.abs(y) <= 0.5 * truth.width)
+        metrics = evaluate(placed(truth, x[met], y[met], z[met]), truth, BRICK_SPACING)
+        assert metrics.slope_deg == pytest.approx(62.0, abs=0.5)
+        areas.append(metrics.area)
+        volumes.append(metrics.volume)
+    false_area = 0.39 * (0.15 - 0.5 * foot)
+    # No bias: the mean of 20 runs, whose steps fall anywhere, stays within a tenth of a frame's step and of a beam.
+    assert np.mean(areas) == pytest.approx(false_area, rel=0.0, abs=0.2 * 0.01 * 0.39)
+    assert np.mean(volumes) == pytest.approx(
+        false_area * 0.19, rel=0.0, abs=0.2 * (0.01 * 0.39 * 0.19 + 0.017 * false_area)
+    )
+
+
 def test_a_scalloped_top_is_no_front():
     # Tops that saw between the height and 15 % less, behind a true vertical face.
     truth = brick()
@@ -233,6 +260,12 @@ def test_a_top_alone_has_no_slope():
     assert metrics.area_error is not None
 
 
+def test_a_face_alone_has_its_slope():
+    metrics = evaluate(face_cloud(brick(), 0.02), brick(), BRICK_SPACING)
+    assert metrics.slope_deg == pytest.approx(90.0)
+    assert (metrics.front_coverage, metrics.area_error, metrics.volume_error) == (1.0, None, None)
+
+
 @pytest.mark.parametrize(("bins", "slope_known"), [(4, False), (5, True)])
 def test_a_slope_needs_five_filled_height_bins(bins, slope_known):
     truth = wedge(60.0)
@@ -277,11 +310,18 @@ def test_a_few_stray_points_neither_extend_nor_raise(strays, step, spacing):
     assert metrics.slope_deg == pytest.approx(without.slope_deg, abs=1.0)
 
 
-def test_one_point_does_not_outvote_three_beams():
+@pytest.mark.parametrize(
+    ("step", "spacing", "strays"),
+    [
+        (0.01, 0.035, [(-0.3, 0.0, 0.3)]),  # one against three beams of a frame
+        (0.005, 0.017, [(-0.3, 0.01, 0.3), (-0.302, -0.03, 0.2)]),  # two against two frames of six beams
+    ],
+)
+def test_strays_do_not_outvote_beams(step, spacing, strays):
     truth = brick()
-    cloud = sonar_cloud(truth, 0.01, 0.035, 62.0)
-    stray = placed(truth, *np.array([[-0.3, 0.0, 0.3]]).T)
-    without, metrics = (evaluate(points, truth, 0.035) for points in (cloud, np.concatenate([cloud, stray])))
+    cloud = sonar_cloud(truth, step, spacing, 62.0)
+    with_strays = np.concatenate([cloud, placed(truth, *np.array(strays).T)])
+    without, metrics = (evaluate(points, truth, spacing) for points in (cloud, with_strays))
     assert metrics.area == without.area
     assert metrics.volume == without.volume
 
@@ -461,7 +501,8 @@ def test_clouds_of_one_batch_do_not_see_each_other(device):
     assert batch[4].f_score == 1.0
 
 
-def test_only_the_near_side_of_a_box_is_visible(device):
+@pytest.mark.parametrize("offset", [0.0, 5000.0])
+def test_only_the_near_side_of_a_box_is_visible(device, offset):
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
     quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     faces = np.array([[a, b, c] for a, b, c, _ in quads] + [[a, c, d] for a, _, c, d in quads])
@@ -474,9 +515,10 @@ def test_only_the_near_side_of_a_box_is_visible(device):
     )
     ahead = np.array([[-5.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]])
     turned = np.array([[0.0, -5.0, 0.0, 0.0, 0.0, math.sin(math.pi / 4), math.cos(math.pi / 4)]])
-    front, side, both = visible_samples(
-        signs, faces, samples, view, [ahead, turned, np.concatenate([ahead, turned])], device=device
-    )
+    ahead[:, :3] += offset
+    turned[:, :3] += offset
+    poses = [ahead, turned, np.concatenate([ahead, turned])]
+    front, side, both = visible_samples(signs + offset, faces, samples + offset, view, poses, device=device)
     assert np.array_equal(front, samples[:, 0] == -1)
     assert np.array_equal(side, samples[:, 1] == -1)
     assert np.array_equal(both, front | side)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 import warp as wp
-from sonarwarp_kernels import surface
 
+from sonarwarp_kernels import surface
 from tests.reference import geometry
 from tests.reference import surface as oracle
 

@@ -96,9 +96,10 @@ def write_flagged_kernel(
     for strip in range(fan.strips):
         column = fan.first_column[beam] + strip
         key = mix_key(mix_key(frame_key[frame], STREAM_LATTICE), column)
+        flagged = scratch.latest[frame, column] >= CELL_FLAGGED
         for interval in range(fan.intervals):
             # All lanes share the rays of one cell: flagged cells are few and uneven.
-            if scratch.state[frame, column, interval] >= CELL_FLAGGED:
+            if flagged and scratch.state[frame, column, interval] >= CELL_FLAGGED:
                 cell_key = mix_key(key, interval)
                 shift_across = uniform(cell_key)
                 shift_up = uniform(mix_key(cell_key, 1))

@@ -40,7 +40,7 @@ _PROBE_INTERVALS = wp.constant(2)
 
 # Test rays in a cell beside one that was flagged before. Without this guard rods of 1 cm cost 25 % error.
 _GUARD_RAYS = wp.constant(8)
-GUARD_PASSES = 8
+GUARD_PASSES = 16
 
 
 @wp.struct
@@ -49,6 +49,7 @@ class Scratch:
 
     corner: wp.array3d(dtype=Sample)  # [frame, column, row] row between intervals
     state: wp.array3d(dtype=int)  # [frame, column, interval] of the cell from this column to the next
+    latest: wp.array2d(dtype=int)  # [frame, column] highest state of a column's cells
 
 
 @wp.struct
@@ -213,6 +214,8 @@ def classify_cells_kernel(
             if not is_foretold(fan, scratch_out, frame, column, interval, across, up, probe):
                 state = CELL_FLAGGED
         scratch_out.state[frame, column, interval] = state
+        if state == CELL_FLAGGED:
+            scratch_out.latest[frame, column] = CELL_FLAGGED
 
 
 @wp.func
@@ -241,13 +244,16 @@ def guard_cells_kernel(
     lane_count: int,
     scratch_out: Scratch,
 ):
-    # Neighbours may be given their state in this pass while they are read: it is not the state that is looked for.
+    # Neighbours may be given their next state while they are read here: it is not the one that is looked for.
     line, lane = wp.tid()
     line += first
     strips = fan.azimuth.shape[0] * fan.strips
     frame = line // strips
     strip = line - frame * strips
     column = fan.first_column[strip // fan.strips] + strip % fan.strips
+    latest = wp.max(scratch_out.latest[frame, column], scratch_out.latest[frame, column + 1])
+    if wp.max(latest, scratch_out.latest[frame, wp.max(column - 1, 0)]) < before:
+        return
     pose = world_from_sensor[frame]
     scene = scene_index[frame]
     key = mix_key(mix_key(mix_key(frame_key[frame], STREAM_GUARD), column), before)
@@ -265,15 +271,17 @@ def guard_cells_kernel(
                 test = take_sample(scenes, scene, pose, direction, forming_reach(fan))
                 if not is_foretold(fan, scratch_out, frame, column, interval, across, up, test):
                     scratch_out.state[frame, column, interval] = before + 1
+                    scratch_out.latest[frame, column] = before + 1
                     break
 
 
-def scratch_shapes(fan: Fan, frames: int) -> dict[str, tuple[tuple[int, int, int], Any]]:
+def scratch_shapes(fan: Fan, frames: int) -> dict[str, tuple[tuple[int, ...], Any]]:
     """Shape and Warp type of each array of ``Scratch`` for ``frames`` frames."""
     columns = fan.column_azimuth.shape[0]
     return {
         "corner": ((frames, columns, fan.intervals + 1), Sample),
         "state": ((frames, columns, fan.intervals), wp.int32),
+        "latest": ((frames, columns), wp.int32),
     }
 
 
@@ -310,6 +318,7 @@ def sample_cells(
     columns = (frames * fan.column_azimuth.shape[0], lane_count)
     strips = (frames * fan.azimuth.shape[0] * fan.strips, lane_count)
     scratch_out.state.zero_()
+    scratch_out.latest.zero_()
     launch(cast_corners_kernel, columns, [*posed, lane_count], [scratch_out], device, threads)
     launch(classify_cells_kernel, strips, [*posed, frame_key, lane_count], [scratch_out], device, threads)
     for guard in range(GUARD_PASSES):

@@ -4,7 +4,7 @@ One definition for every method, over every emitted point. The steps, for each o
 
 1. **Whose points.** A point belongs to the object whose centre is nearest in y. It counts where it lies within two
    heights of the object's box and at least 5 % of the height over the seabed: the longest false ramp of a single sonar
-   lies inside, a false target elsewhere and the seabed do not. Nothing else is left out.
+   lies inside, a false target elsewhere and the seabed do not. How a point was made never decides.
 2. **Agreement.** Along x in bins of 1 cm, across y in columns one beam spacing wide. A bin stays if its count is at
    least 30 % of the median count (and more than one where the median is two or more), so that a stray neither extends
    nor raises the cloud. A count is of cells that hold points, half a bin by a column, not of points: a steep face gives
@@ -14,10 +14,9 @@ One definition for every method, over every emitted point. The steps, for each o
    the medians of their x and z are the bin's node, which is therefore on the surface however steep that is. A median
    of three along x takes out a single raised node and leaves every monotone run as it is.
 4. **Area.** Trapezoids between nodes, and level from the outer nodes to the ends. A gap longer than half the height is
-   not bridged: what lies beyond is no part of the same surface. An end is the median over the columns
-   of each one's outermost point and half its own sample spacing beyond, so that neither a stray nor the tail of a noisy
-   edge sets it. A column whose points reach down below half its height at an end shows a closed face there: nothing is
-   added to it.
+   not bridged: what lies beyond is no part of the same surface. An end is the median over the columns of each one's
+   outermost point and half its own sample spacing there beyond, so that neither a stray nor the tail of a noisy edge
+   sets it. A column whose points reach down below half its height at an end shows a closed face there: it gets no more.
 5. **Volume.** The same areas in slabs one beam spacing wide, each slab a single column. Bins must agree over the slabs
    as in step 2, then slabs over the bins. Trapezoids across y between the slabs' median y; an end is the median over
    the bins of each one's outermost point and half its own sample spacing beyond, so that it does not matter how beams
@@ -76,6 +75,9 @@ _SEABED = 0.05
 _TOP_LAYER = 0.05
 _BRIDGE = 0.5
 _FRONT_MARGIN = 0.05
+
+# How much of a column tells the sample spacing at its end [m]: a ramp is sampled more closely than the top behind it.
+_END_LENGTH = 0.05
 
 # Run per height of the steepest overhang that still counts as a front.
 _OVERHANG = math.tan(math.radians(30.0))
@@ -204,7 +206,7 @@ def _evaluate(points: np.ndarray, truth: ObjectTruth, slab_width: float) -> Sect
     envelope = _envelope(section[agreed], column[agreed], truth.height)
     area = None if envelope is None else envelope.area
     volume = _volume(points, slab_width, truth.height)
-    slope, coverage = (None, 0.0) if envelope is None else _front(section, envelope, truth.height)
+    slope, coverage = _front(section, envelope, truth.height)
     return SectionMetrics(
         name=truth.name,
         slope_deg=slope,
@@ -277,10 +279,9 @@ def _envelope(points: np.ndarray, column: np.ndarray, height: float) -> _Envelop
 def _column_ends(x: np.ndarray, z: np.ndarray, step: float) -> tuple[float, float]:
     """Where a column's surface begins and ends along x (step 4)."""
     low, high = x.min(), x.max()
-    half = _half_spacing(x, step)
     first, last = z[x <= low + ENVELOPE_BIN], z[x >= high - ENVELOPE_BIN]
-    before = half if first.min() >= 0.5 * first.max() else 0.0
-    behind = half if last.min() >= 0.5 * last.max() else 0.0
+    before = _half_spacing(x[x <= low + _END_LENGTH], step) if first.min() >= 0.5 * first.max() else 0.0
+    behind = _half_spacing(x[x >= high - _END_LENGTH], step) if last.min() >= 0.5 * last.max() else 0.0
     return low - before, high + behind
 
 
@@ -334,12 +335,15 @@ def _volume(points: np.ndarray, slab_width: float, height: float) -> float | Non
     return _integral(np.array(middle), np.array(area), ends, _BRIDGE * height)
 
 
-def _front(section: np.ndarray, envelope: _Envelope, height: float) -> tuple[float | None, float]:
-    """Front slope [degrees], or None, and the share of filled height bins (step 6)."""
-    top = min(height, float(envelope.z.max()))
-    high = envelope.z >= 0.9 * top
-    end = envelope.x[np.argmax(high & np.append(high[1:], True))] + _FRONT_MARGIN * height
-    x, _, z = section[section[:, 0] <= end + _OVERHANG * np.maximum(0.9 * top - section[:, 2], 0.0)].T
+def _front(section: np.ndarray, envelope: _Envelope | None, height: float) -> tuple[float | None, float]:
+    """Front slope [degrees], or None, and the share of filled height bins (step 6); a face alone has no envelope."""
+    if envelope is not None:
+        reached = 0.9 * min(height, float(envelope.z.max()))
+        high = envelope.z >= reached
+        settled = high & np.append(high[1:], True)
+        end = envelope.x[np.argmax(settled if settled.any() else high)] + _FRONT_MARGIN * height
+        section = section[section[:, 0] <= end + _OVERHANG * np.maximum(reached - section[:, 2], 0.0)]
+    x, _, z = section.T
     height_bin = np.floor((z / height - 0.1) / (0.8 / HEIGHT_BINS))
     inside = [height_bin == index for index in range(HEIGHT_BINS)]
     filled = [held for held in inside if np.count_nonzero(held) >= LEAST_POINTS]

@@ -74,8 +74,8 @@ def flat_seabed_image(
 ) -> np.ndarray:
     """Image [beam, bin] of a plane under a sonar without roll: closed form in elevation, midpoints in azimuth.
 
-    With s the inverse range, Eq. 36 over a plane at distance h is R h^2 s^4. A beam's direction sinks by
-    K sin(g), g = b - elevation, with K and b those of its azimuth: s = K sin(g) / h, and the integral of sin^4 is known.
+    With s the inverse range, Eq. 36 over a plane at distance h is R h^2 s^4. A direction sinks by K sin(g) with
+    g = b - elevation, K and b those of its azimuth: s = K sin(g) / h, and the integral of sin^4 is known.
     """
     parts = (np.arange(azimuths) + 0.5) / azimuths
     azimuth = azimuth_edge[:-1, None] + np.diff(azimuth_edge)[:, None] * parts
