@@ -222,6 +222,11 @@ class Reconstructor:
         )
         slots.next_round(self._epoch, device=self.device)
 
+    @property
+    def footprints(self) -> wp.array:
+        """Footprints of the pings worked in so far, as ``profile.detect_profile`` gives them, shape [ping, footprint]."""
+        return self._footprint
+
     def reset(self) -> None:
         """Forget everything seen and go back to the first round."""
         self._round.zero_()

@@ -120,26 +120,54 @@ def plan_survey(
         seabed_z: height of the mean seabed [m], for altitudes.
     """
     starts = np.broadcast_to(np.asarray(frames_from, dtype=float), (len(trajectories),))
-    frames, pings = [], []
-    for index, (trajectory, frames_start) in enumerate(zip(trajectories, starts, strict=True)):
-        start, stop = float(trajectory.times[0]), float(trajectory.times[-1])
-        frame_number = np.arange(int((stop - start) * rig.fls.rate + 1e-9) + 1)
-        frame_time = start + frame_number / rig.fls.rate
-        late = frame_time >= frames_start - 1e-9
-        frame_number, frame_time = frame_number[late], frame_time[late]
-        ping_number = np.arange(int((stop - start) * rig.ps.rate + 1e-9) + 1)
-        ping_time = start + ping_number / rig.ps.rate
-        for rows, number, time, mount in (
-            (frames, frame_number, frame_time, rig.fls_mount),
-            (pings, ping_number, ping_time, rig.ps_mount),
-        ):
-            time = np.minimum(time, stop)
-            pose = compose(trajectory.at(time), mount.vehicle_from_sensor())
-            rows.append((time, np.full(len(time), index), number, pose))
-    time, trajectory, number, pose = (np.concatenate(parts) for parts in zip(*frames, strict=True))
-    flat_frames = Frames(time=time, trajectory=trajectory, number=number, pose=pose, altitude=pose[:, 2] - seabed_z)
-    time, trajectory, number, pose = (np.concatenate(parts) for parts in zip(*pings, strict=True))
-    flat_pings = Pings(
-        time=time, trajectory=trajectory, number=number, pose=pose, head_angle=rig.ps.head_angles(number)
+    return join_surveys(
+        [
+            _survey_one(rig, trajectory, float(start), seabed_z)
+            for trajectory, start in zip(trajectories, starts, strict=True)
+        ]
     )
-    return Survey(rig=rig, frames=flat_frames, pings=flat_pings)
+
+
+def _survey_one(rig: Rig, trajectory: Trajectory, frames_from: float, seabed_z: float) -> Survey:
+    start, stop = float(trajectory.times[0]), float(trajectory.times[-1])
+
+    def instants(rate: float, begin: float) -> tuple[np.ndarray, np.ndarray]:
+        number = np.arange(int((stop - start) * rate + 1e-9) + 1)
+        time = np.minimum(start + number / rate, stop)
+        late = time >= begin - 1e-9
+        return number[late], time[late]
+
+    number, time = instants(rig.fls.rate, frames_from)
+    pose = compose(trajectory.at(time), rig.fls_mount.vehicle_from_sensor())
+    owner = np.zeros(len(time), dtype=int)
+    frames = Frames(time=time, trajectory=owner, number=number, pose=pose, altitude=pose[:, 2] - seabed_z)
+    number, time = instants(rig.ps.rate, -np.inf)
+    pose = compose(trajectory.at(time), rig.ps_mount.vehicle_from_sensor())
+    owner = np.zeros(len(time), dtype=int)
+    pings = Pings(time=time, trajectory=owner, number=number, pose=pose, head_angle=rig.ps.head_angles(number))
+    return Survey(rig=rig, frames=frames, pings=pings)
+
+
+def join_surveys(surveys: Sequence[Survey]) -> Survey:
+    """One batch of several, their trajectories numbered on; the rig is the first one's.
+
+    Raises:
+        ValueError: no survey at all.
+    """
+    if not surveys:
+        raise ValueError("surveys: empty, at least one is needed")
+    offset = np.cumsum([0, *(survey.trajectories for survey in surveys[:-1])])
+
+    def joined(kind: str, name: str) -> np.ndarray:
+        parts = [getattr(getattr(survey, kind), name) for survey in surveys]
+        if name == "trajectory":
+            parts = [part + first for part, first in zip(parts, offset, strict=True)]
+        return np.concatenate(parts)
+
+    return Survey(
+        rig=surveys[0].rig,
+        frames=Frames(
+            **{name: joined("frames", name) for name in ("time", "trajectory", "number", "pose", "altitude")}
+        ),
+        pings=Pings(**{name: joined("pings", name) for name in ("time", "trajectory", "number", "pose", "head_angle")}),
+    )

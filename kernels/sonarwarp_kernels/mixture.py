@@ -14,7 +14,6 @@ from sonarwarp_kernels.specs import Mixture
 
 wp.set_module_options({"enable_backward": False})
 
-_SQRT_HALF = wp.constant(0.7071067811865476)
 _SQRT_TWO = wp.constant(1.4142135623730951)
 _INVERSE_SQRT_TWO_PI = wp.constant(0.3989422804014327)
 
@@ -39,9 +38,9 @@ def check_mixture(mixture: Mixture) -> None:
 
 
 @wp.func
-def normal_below(value: float) -> float:
-    """Standard normal distribution function."""
-    return 0.5 * wp.erfc(-value * _SQRT_HALF)
+def normal_within(deviation: float, length: float) -> float:
+    """Probability that a normal variate of ``deviation`` lies within ``length`` of its mean; exact for small lengths."""
+    return wp.erf(length / (_SQRT_TWO * deviation))
 
 
 @wp.func
@@ -82,7 +81,9 @@ def range_density(mixture: Mixture, critical: float, start: float, seabed: float
         return 0.0
     edge = wp.clamp(critical, start, seabed)
     away = (distance - edge) / mixture.deviation
-    inside = normal_below((seabed - edge) / mixture.deviation) - normal_below((start - edge) / mixture.deviation)
+    inside = 0.5 * (
+        normal_within(mixture.deviation, edge - start) + normal_within(mixture.deviation, seabed - edge)
+    )
     hit = _INVERSE_SQRT_TWO_PI * wp.exp(-0.5 * away * away) / (mixture.deviation * inside)
     short = float(0.0)
     if distance < edge:
@@ -104,12 +105,11 @@ def sample_range(mixture: Mixture, critical: float, start: float, seabed: float,
     length = seabed - start
     edge = wp.clamp(critical, start, seabed)
     if choice < hit_weight(mixture, edge, start):
-        low = normal_below((start - edge) / mixture.deviation)
-        high = normal_below((seabed - edge) / mixture.deviation)
-        # The inverse error function is infinite at its ends.
-        share = wp.clamp(low + part * (high - low), 1.0e-6, 1.0 - 1.0e-6)
-        drawn = edge + mixture.deviation * _SQRT_TWO * wp.erfinv(2.0 * share - 1.0)
-        return wp.clamp(drawn, start, seabed)
+        below = normal_within(mixture.deviation, edge - start)
+        above = normal_within(mixture.deviation, seabed - edge)
+        # The inverse error function is infinite at its ends: cut at 4.8 deviations.
+        within = wp.clamp(part * (below + above) - below, -0.999998, 0.999998)
+        return wp.clamp(edge + mixture.deviation * _SQRT_TWO * wp.erfinv(within), start, seabed)
     if choice < mixture.weight_hit + mixture.weight_short:
         return start + exponential_offset(mixture.rate_short, edge - start, part)
     if choice < mixture.weight_hit + mixture.weight_short + mixture.weight_random:

@@ -1,0 +1,1 @@
+"""Measurements of throughput and quality; nothing imports them."""
