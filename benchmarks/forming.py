@@ -1,7 +1,7 @@
 """Forming images from few rays: error against cost, beside putting every ray whole into one bin.
 
-The reference has 65,536 rays a beam, jointly stratified over azimuth and elevation and all distinct. Error is RMS of the
-difference over RMS of the reference, noise off, whole window. Time is the best of several runs over all frames, warm.
+The reference has 65,536 rays a beam, jointly stratified over azimuth and elevation and all distinct. Error is RMS of
+the difference over RMS of the reference, noise off, whole window. Time is the best of several runs over all frames.
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ from sonarwarp.poses import compose
 from sonarwarp.scene_table import DeviceScenes
 from sonarwarp.sonar import FLS, PRESETS, PS
 from sonarwarp_kernels import echo, forming, keys, raycast
-from sonarwarp_kernels.specs import Fan
 from sonarwarp_scenes import BRICK, CONCRETE, TABLE_2, Extent, Roughness, Scene, flat_seabed, rough_seabed
 
 EXTENT = Extent(x_min=-1.0, x_max=8.0, y_min=-2.5, y_max=2.5)
@@ -147,7 +146,7 @@ class FormingBench:
         scratch = forming.Scratch()
         for name, (shape, dtype) in forming.scratch_shapes(fan, self.frames).items():
             setattr(scratch, name, wp.zeros(shape, dtype=dtype, device=self.device))
-        counts = self._counts(fan)
+        counts = self._counts()
 
         def launch() -> None:
             echo.form_echoes(
@@ -176,8 +175,8 @@ class FormingBench:
         border, first = fan.column_azimuth.numpy().astype(np.float64), fan.first_column.numpy()
         lower, width = border[first], border[first + fan.strips] - border[first]
         grid = (self.frames, len(first), rows)
-        hits = [wp.zeros(grid, dtype=dtype, device=self.device) for dtype in (float, int, wp.vec3)]
-        counts = self._counts(fan)
+        distance, face, normal = (wp.zeros(grid, dtype=kind, device=self.device) for kind in (float, int, wp.vec3))
+        counts = self._counts()
         bits = columns.bit_length() - 1
         angles = []
         for column in range(columns):
@@ -187,22 +186,47 @@ class FormingBench:
             azimuth = lower + width * (column + 0.5) / columns
             angles.append([wp.array(angle, dtype=float, device=self.device) for angle in (azimuth, elevation)])
         reach = float(fan.range_edge.numpy()[-1])
-        where = {"device": self.device, "threads": self.threads}
         table = self._scenes.table
 
         def launch() -> None:
             counts.zero_()
             for azimuth, elevation in angles:
-                raycast.cast_grid(table, azimuth, elevation, fan.cone, reach, self._pose, self._scene, *hits, **where)
-                part = 1.0 / (columns * rows)
-                echo.bin_hits(fan, table, self._pose, self._scene, azimuth, elevation, *hits, part, counts, **where)
+                raycast.cast_grid(
+                    table,
+                    azimuth,
+                    elevation,
+                    fan.cone,
+                    reach,
+                    self._pose,
+                    self._scene,
+                    distance,
+                    face,
+                    normal,
+                    device=self.device,
+                    threads=self.threads,
+                )
+                echo.bin_hits(
+                    fan,
+                    table,
+                    self._pose,
+                    self._scene,
+                    azimuth,
+                    elevation,
+                    distance,
+                    face,
+                    normal,
+                    1.0 / (columns * rows),
+                    counts,
+                    device=self.device,
+                    threads=self.threads,
+                )
 
         seconds = self._best_time(launch, repeats)
         return counts.numpy() / fan.fixed_point, seconds
 
-    def _counts(self, fan: Fan) -> wp.array:
-        shape = (self.frames, fan.azimuth.shape[0], fan.range_edge.shape[0] - 1)
-        return wp.zeros(shape, dtype=int, device=self.device)
+    def _counts(self) -> wp.array:
+        beams = self.sonar.beams if isinstance(self.sonar, FLS) else 1
+        return wp.zeros((self.frames, beams, self.sonar.bins), dtype=int, device=self.device)
 
     def _best_time(self, launch: Callable[[], None], repeats: int) -> float:
         # The first run compiles and warms up, unless it is the only one.

@@ -57,6 +57,14 @@ class Pings:
         _check_instants("Pings", self.time, self.trajectory, self.number, self.pose)
         object.__setattr__(self, "head_angle", finite_array("Pings.head_angle", self.head_angle, shape=self.time.shape))
 
+    @property
+    def head_pose(self) -> np.ndarray:
+        """world_from_head, the head turned about its z axis, shape [ping, 7]."""
+        half = 0.5 * self.head_angle
+        turn = np.zeros_like(self.pose)
+        turn[:, 5], turn[:, 6] = np.sin(half), np.cos(half)
+        return compose(self.pose, turn)
+
     def __len__(self) -> int:
         return len(self.time)
 

@@ -8,7 +8,7 @@ patch; the echo amplitude there is weight * s^4 (Eq. 36, ``samples``).
 import warp as wp
 
 from sonarwarp_kernels.geometry import bin_below
-from sonarwarp_kernels.samples import Profile, profile_inverse, profile_weight
+from sonarwarp_kernels.samples import Fold, Profile, profile_inverse, profile_weight
 from sonarwarp_kernels.specs import Fan
 
 wp.set_module_options({"enable_backward": False})
@@ -90,19 +90,42 @@ def next_knot(profile: Profile, after: float, stop: float) -> float:
 
 
 @wp.func
+def fold_at(height: float, profile: Profile, next_profile: Profile, low_fold: Fold, high_fold: Fold) -> float:
+    """Where a fold that runs through a cell is at ``height``, 0-1 across the strip; negative where it is not known.
+
+    It runs from the cell's foot to its top, or from one of these to the knot of a column, by which it leaves.
+    """
+    if low_fold.across >= 0.0 and high_fold.across >= 0.0:
+        return low_fold.across + (high_fold.across - low_fold.across) * height
+    if height <= 0.0:
+        return low_fold.across
+    if height >= 1.0:
+        return high_fold.across
+    if profile.lower == profile.upper and height == profile.lower:
+        return 0.0
+    if next_profile.lower == next_profile.upper and height == next_profile.lower:
+        return 1.0
+    return -1.0
+
+
+@wp.func
 def deposit_strip(
     fan: Fan,
     frame: int,
     beam: int,
     profile: Profile,
     next_profile: Profile,
+    low_fold: Fold,
+    high_fold: Fold,
     unit: float,
     counts_out: wp.array3d(dtype=int),
 ):
-    """Add the surface between two columns of a cell, a patch from knot to knot; ``unit`` is counts per cell."""
+    """Add the surface between two columns of a cell, piece by piece from knot to knot; ``unit`` is counts per cell."""
+    folded = low_fold.sharp + high_fold.sharp > 0
     start = float(0.0)
     near = profile.foot
     far = next_profile.foot
+    fold_start = low_fold.across
     while start < 1.0:
         after = start + _SHORTEST_PIECE
         stop = next_knot(profile, after, next_knot(next_profile, after, 1.0))
@@ -110,13 +133,34 @@ def deposit_strip(
             stop = float(1.0)
         near_stop = profile_inverse(profile, stop)
         far_stop = profile_inverse(next_profile, stop)
-        inverse = 0.25 * (near + near_stop + far + far_stop)
-        half_up = 0.25 * wp.abs(near_stop + far_stop - near - far)
-        half_across = 0.25 * wp.abs(far + far_stop - near - near_stop)
+        fold_stop = fold_at(stop, profile, next_profile, low_fold, high_fold)
         middle = 0.5 * (start + stop)
-        weight = 0.5 * (profile_weight(profile, middle) + profile_weight(next_profile, middle))
-        energy = weight * unit * (stop - start)
-        deposit_patch(fan, frame, beam, inverse, half_up, half_across, energy, counts_out)
+        weight = profile_weight(profile, middle)
+        next_weight = profile_weight(next_profile, middle)
+        energy = unit * (stop - start)
+        half_up = 0.25 * wp.abs(near_stop + far_stop - near - far)
+        begin = 0.5 * (near + near_stop)
+        end = 0.5 * (far + far_stop)
+        across = wp.max(fold_start, fold_stop)
+        if fold_start >= 0.0 and fold_stop >= 0.0:
+            across = 0.5 * (fold_start + fold_stop)
+        if folded and across >= 0.0:
+            # Each plane as far as the fold.
+            turn = wp.where(2.0 * middle < profile.lower + profile.upper, low_fold.turn, high_fold.turn)
+            next_low = 2.0 * middle < next_profile.lower + next_profile.upper
+            next_turn = wp.where(next_low, low_fold.next_turn, high_fold.next_turn)
+            fold = 0.5 * (begin + across * turn + end - (1.0 - across) * next_turn)
+            first = 0.5 * (begin + fold)
+            second = 0.5 * (fold + end)
+            first_energy = energy * across * weight
+            second_energy = energy * (1.0 - across) * next_weight
+            deposit_patch(fan, frame, beam, first, half_up, wp.abs(first - begin), first_energy, counts_out)
+            deposit_patch(fan, frame, beam, second, half_up, wp.abs(end - second), second_energy, counts_out)
+        else:
+            whole = 0.5 * (begin + end)
+            energy *= 0.5 * (weight + next_weight)
+            deposit_patch(fan, frame, beam, whole, half_up, wp.abs(whole - begin), energy, counts_out)
         start = stop
         near = near_stop
         far = far_stop
+        fold_start = fold_stop

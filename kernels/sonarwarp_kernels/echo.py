@@ -70,7 +70,9 @@ def write_smooth_kernel(
         for interval in range(lane, fan.intervals, lane_count):
             if scratch.state[frame, column, interval] == CELL_SMOOTH:
                 cell = read_cell(scratch, frame, column, interval)
-                deposit_strip(fan, frame, beam, cell.profile, cell.next_profile, unit, counts_out)
+                deposit_strip(
+                    fan, frame, beam, cell.profile, cell.next_profile, cell.low_fold, cell.high_fold, unit, counts_out
+                )
 
 
 @wp.kernel

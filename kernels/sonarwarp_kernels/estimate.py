@@ -1,4 +1,4 @@
-"""What the particles of a beam say: most likely point, weighted mean, covariance, effective sample size (Eq. 19-20, 32).
+"""What the particles of a beam say: likeliest point, weighted mean, covariance, effective sample size (Eq. 19-20, 32).
 
 The most likely point is the particle of the largest target density; the moments are of the importance weights. Where
 the field knows nothing along the arc, the point falls back to the lower edge of the beam and says so. That edge is also
@@ -79,7 +79,8 @@ def estimate_points_kernel(
     # Moments about the beam's middle at the critical range, so that squares stay small in float32.
     centre = world_point(arc.pose, arc.azimuth, 0.0, critical, fan.cone)
     total = float(0.0)
-    squares = float(0.0)
+    # Of small weights the squares underflow in float32.
+    squares = wp.float64(0.0)
     shift = wp.vec3(0.0, 0.0, 0.0)
     outer = wp.mat33()
     angle = float(0.0)
@@ -92,7 +93,7 @@ def estimate_points_kernel(
             best = drawn
         away = drawn.point - centre
         total += drawn.weight
-        squares += drawn.weight * drawn.weight
+        squares += wp.float64(drawn.weight) * wp.float64(drawn.weight)
         shift += drawn.weight * away
         outer += drawn.weight * wp.outer(away, away)
         angle += drawn.weight * drawn.elevation
@@ -105,7 +106,7 @@ def estimate_points_kernel(
     estimates_out.elevation_deviation[frame, beam] = wp.sqrt(
         wp.max(angle_square / total - mean_angle * mean_angle, 0.0)
     )
-    estimates_out.effective_size[frame, beam] = total * total / squares
+    estimates_out.effective_size[frame, beam] = float(wp.float64(total) * wp.float64(total) / squares)
     if best.log_odds >= reading.informed:
         estimates_out.quality[frame, beam] = QUALITY_INFORMED
         estimates_out.elevation[frame, beam] = best.elevation
@@ -141,10 +142,14 @@ def estimate_points(
         slot_frame: frame of each slot, ``EMPTY`` for none, no frame twice, shape [slot].
         log_odds: the field's fixed-point sums, shape [trajectory, x, y, z].
         particles: hypotheses per beam, at least 1.
-        estimates_out: written for the frames of the slots.
+        estimates_out: written for the frames of the slots; where nothing was detected, only the quality.
+
+    Raises:
+        ValueError: as :func:`sonarwarp_kernels.particles.check_inputs` does, an output of the wrong shape, type or
+            device, or no particles.
     """
     device = wp.get_device(device)
-    check_inputs(fan, grid, contacts, slot_frame, log_odds, device)
+    check_inputs(fan, grid, mixture, reading, contacts, slot_frame, log_odds, device)
     frames, beams = contacts.critical_range.shape
     for name, dtype in ESTIMATE_TYPES.items():
         check_array(f"estimates_out.{name}", getattr(estimates_out, name), (frames, beams), dtype, device)
@@ -153,16 +158,7 @@ def estimate_points(
     launch(
         estimate_points_kernel,
         (slot_frame.shape[0] * beams,),
-        [
-            fan,
-            grid,
-            mixture,
-            reading,
-            contacts,
-            slot_frame,
-            log_odds,
-            particles,
-        ],
+        [fan, grid, mixture, reading, contacts, slot_frame, log_odds, particles],
         [estimates_out],
         device,
         threads,
@@ -204,11 +200,14 @@ def place_at_lower_edge(
         world_from_sensor: pose of each frame, shape [frame].
         critical_range: critical range [m], ``NO_DETECTION`` where there is none, shape [frame, beam].
         point_out: world position [m]; untouched where nothing was detected; shape [frame, beam].
+
+    Raises:
+        ValueError: an array of the wrong shape, type or device.
     """
     device = wp.get_device(device)
-    frames = world_from_sensor.shape[0]
-    beams = fan.azimuth.shape[0]
-    check_array("world_from_sensor", world_from_sensor, (frames,), wp.transform, device)
+    check_array("fan.azimuth", fan.azimuth, (None,), wp.float32, device)
+    check_array("world_from_sensor", world_from_sensor, (None,), wp.transform, device)
+    frames, beams = world_from_sensor.shape[0], fan.azimuth.shape[0]
     check_array("critical_range", critical_range, (frames, beams), wp.float32, device)
     check_array("point_out", point_out, (frames, beams), wp.vec3, device)
     launch(

@@ -9,7 +9,7 @@ from typing import Any
 
 import warp as wp
 
-from sonarwarp_kernels.inverse import Beam, ProfileModel, beam_evidence, beam_of
+from sonarwarp_kernels.inverse import Beam, ProfileModel, beam_evidence, beam_of, check_model
 from sonarwarp_kernels.launch import check_array, lanes, launch
 from sonarwarp_kernels.slots import EMPTY
 from sonarwarp_kernels.specs import Grid
@@ -17,7 +17,15 @@ from sonarwarp_kernels.specs import Grid
 wp.set_module_options({"enable_backward": False})
 
 FIXED_POINT = wp.constant(65536.0)
-"""Counts per unit of log-odds: 32,767 full-weight pings fit before a cell could overflow."""
+"""Counts per unit of log-odds: a cell holds sums up to 32,767 either way."""
+
+
+def check_field(grid: Grid, name: str, log_odds: wp.array, device: Any) -> None:
+    """Refuse a grid and the array of its fields, called ``name``, that do not fit each other."""
+    if not grid.cell > 0.0:
+        raise ValueError(f"grid.cell: must be above 0, got {grid.cell}")
+    check_array("grid.origin", grid.origin, (None,), wp.vec3, device)
+    check_array(name, log_odds, (grid.origin.shape[0], grid.nx, grid.ny, grid.nz), wp.int32, device)
 
 
 @wp.func
@@ -36,14 +44,15 @@ def column_span(start: wp.vec3, rise: wp.vec3, height: float, slope: float) -> w
         gain = slope * rise[0] - sign * rise[1]
         if wp.abs(gain) < 1.0e-7:
             if offset < 0.0:
-                high = -1.0
+                high = 0.0
         else:
             root = -offset / gain
             if gain > 0.0:
                 low = wp.max(low, root)
             else:
                 high = wp.min(high, root)
-    return wp.vec2(low, high)
+    # A root may lie farther away than an index of cells can count.
+    return wp.vec2(wp.min(low, height), wp.max(high, 0.0))
 
 
 @wp.func
@@ -68,6 +77,8 @@ def add_ping(
     fan = wp.sin(model.half_fan)
     slope = wp.tan(wp.sqrt(2.0) * model.half_width)
     height = float(grid.nz) * grid.cell
+    # A head may be mounted either way up.
+    shallower = wp.where(rise[1] < 0.0, -1.0, 1.0)
     for iy in range(lane, grid.ny, lane_count):
         start = base + float(iy) * grid.cell * across
         if wp.length(start - wp.dot(start, rise) * rise) < beam.behind:
@@ -79,7 +90,7 @@ def add_ping(
                 distance = wp.length(point)
                 if point[0] > 0.0 and distance < beam.behind and wp.abs(point[2]) < distance * fan:
                     # The beam is narrow: its tangent stands for the angle.
-                    position = point[1] / (point[0] * model.half_width)
+                    position = shallower * point[1] / (point[0] * model.half_width)
                     evidence = beam_evidence(model, footprint, beam, distance, position)
                     log_odds_out[owner, ix, iy, iz] += sign * int(wp.round(evidence * FIXED_POINT))
 
@@ -138,20 +149,24 @@ def update_field(
     Args:
         grid: cells, with ``origin`` of shape [trajectory].
         model: inverse sensor model.
-        slot_ping: ping of each slot, ``EMPTY`` where empty, shape [slot].
+        slot_ping: ping of each slot, ``EMPTY`` where empty, shape [row, slot].
         trajectory: owner of each ping, shape [ping].
         world_from_head: pose of the turned head, shape [ping].
         footprint: see :func:`sonarwarp_kernels.profile.detect_profile`, shape [ping, footprint].
         sign: +1 to add, -1 to subtract.
         log_odds_out: fixed-point sums, updated in place, shape [trajectory, x, y, z].
+
+    Raises:
+        ValueError: an array of the wrong shape, type or device, a model out of bounds, or another sign.
     """
     device = wp.get_device(device)
-    pings = trajectory.shape[0]
+    check_model(model)
     check_array("slot_ping", slot_ping, (None, None), wp.int32, device)
-    check_array("trajectory", trajectory, (pings,), wp.int32, device)
+    check_array("trajectory", trajectory, (None,), wp.int32, device)
+    pings = trajectory.shape[0]
     check_array("world_from_head", world_from_head, (pings,), wp.transform, device)
     check_array("footprint", footprint, (pings, None), wp.vec3, device)
-    check_array("log_odds_out", log_odds_out, (grid.origin.shape[0], grid.nx, grid.ny, grid.nz), wp.int32, device)
+    check_field(grid, "log_odds_out", log_odds_out, device)
     if sign not in (1, -1):
         raise ValueError(f"sign: {sign} is neither 1 nor -1")
     lane_count = lanes(device)
@@ -207,8 +222,8 @@ def read_log_odds(
 
 @wp.func
 def occupancy(log_odds: float) -> float:
-    """Probability of a log-odds value (Eq. 22)."""
-    return 1.0 - 1.0 / (1.0 + wp.exp(log_odds))
+    """Probability of a log-odds value (Eq. 22); as a quotient, so that small ones keep their digits."""
+    return 1.0 / (1.0 + wp.exp(-log_odds))
 
 
 @wp.kernel
@@ -249,12 +264,15 @@ def read_field(
         low: lower clamp of the log-odds.
         high: upper clamp of the log-odds.
         occupancy_out: probability, shape [point].
+
+    Raises:
+        ValueError: an array of the wrong shape, type or device.
     """
     device = wp.get_device(device)
+    check_field(grid, "log_odds", log_odds, device)
+    check_array("point", point, (None,), wp.vec3, device)
     points = point.shape[0]
-    check_array("log_odds", log_odds, (grid.origin.shape[0], grid.nx, grid.ny, grid.nz), wp.int32, device)
     check_array("trajectory", trajectory, (points,), wp.int32, device)
-    check_array("point", point, (points,), wp.vec3, device)
     check_array("occupancy_out", occupancy_out, (points,), wp.float32, device)
     launch(
         read_field_kernel, (points,), [grid, log_odds, trajectory, point, low, high], [occupancy_out], device, threads

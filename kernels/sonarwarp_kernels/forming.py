@@ -14,10 +14,12 @@ from sonarwarp_kernels.keys import STREAM_GUARD, STREAM_PROBE, mix_key, uniform
 from sonarwarp_kernels.launch import check_array, lanes, launch
 from sonarwarp_kernels.raycast import NO_FACE
 from sonarwarp_kernels.samples import (
+    Fold,
     Profile,
     Sample,
     column_climb,
     column_profile,
+    find_fold,
     follow_column,
     forming_reach,
     is_beyond_reach,
@@ -62,6 +64,8 @@ class Cell:
     next_high: Sample  # upper azimuth, upper elevation
     profile: Profile  # between low and high
     next_profile: Profile
+    low_fold: Fold  # between low and next_low
+    high_fold: Fold  # between high and next_high
 
 
 @wp.func
@@ -109,6 +113,8 @@ def read_cell(scratch: Scratch, frame: int, column: int, interval: int) -> Cell:
     cell.next_high = lend(next_high, next_low, high, low)
     cell.profile = column_profile(cell.low, cell.high)
     cell.next_profile = column_profile(cell.next_low, cell.next_high)
+    cell.low_fold = find_fold(cell.low, cell.next_low)
+    cell.high_fold = find_fold(cell.high, cell.next_high)
     return cell
 
 

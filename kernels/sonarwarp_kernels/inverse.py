@@ -7,6 +7,8 @@ A beam of finite width sees an oblique surface over a stretch of range: its deep
 footprint is wider than a wall's could be, the occupied ridge follows that tilt across the beam instead of filling it.
 """
 
+import math
+
 import warp as wp
 
 from sonarwarp_kernels.profile import NO_FOOTPRINT
@@ -25,6 +27,18 @@ class ProfileModel:
     half_fan: float  # half the beamwidth across it [rad]
     range_deviation: float  # deviation of a ridge along range [m]
     reach: float  # range that a ping without a footprint speaks for [m]
+
+
+def check_model(model: ProfileModel) -> None:
+    """Refuse a model whose beam has no width, or one that no tangent spans, and a ridge without extent.
+
+    Raises:
+        ValueError: the field, its bounds and its value.
+    """
+    for name, most in (("half_width", 1.0), ("half_fan", 0.5 * math.pi), ("range_deviation", math.inf)):
+        value = getattr(model, name)
+        if not 0.0 < value <= most:
+            raise ValueError(f"model.{name}: must be above 0 and at most {most:g}, got {value:g}")
 
 
 @wp.struct
@@ -67,7 +81,10 @@ def beam_pattern(position: float) -> float:
 
 @wp.func
 def ridge_evidence(model: ProfileModel, ridge: Ridge, nearest: bool, distance: float, position: float) -> float:
-    """Log-odds on the ray at ``position`` half widths from the axis: free before the nearest ridge, occupied on one."""
+    """Log-odds on the ray at ``position`` half widths off the axis: free before the nearest ridge, occupied on one.
+
+    ``position`` is positive on the shallower side.
+    """
     away = (distance - ridge.centre - 0.5 * position * ridge.tilt) / ridge.deviation
     if wp.abs(away) > 4.0:
         if nearest and away < 0.0:
@@ -99,10 +116,13 @@ def beam_of(model: ProfileModel, footprint: wp.array2d(dtype=wp.vec3), ping: int
     for index in range(footprint.shape[1]):
         if footprint[ping, index][0] != NO_FOOTPRINT:
             ridge = ridge_of(model, footprint[ping, index])
+            clear = ridge.centre - ridge.tilt - 4.0 * ridge.deviation
             if index == 0:
                 beam.returned = 1
                 beam.nearest = ridge
-                beam.clear = ridge.centre - ridge.tilt - 4.0 * ridge.deviation
+                beam.clear = clear
+            # A wide ridge may begin ahead of a nearer, narrow one.
+            beam.clear = wp.min(beam.clear, clear)
             beam.behind = wp.max(beam.behind, ridge.centre + ridge.tilt + 4.0 * ridge.deviation)
     if beam.returned == 0 and model.no_return != 0.0:
         beam.behind = model.reach
@@ -113,7 +133,7 @@ def beam_of(model: ProfileModel, footprint: wp.array2d(dtype=wp.vec3), ping: int
 def beam_evidence(
     model: ProfileModel, footprint: wp.array2d(dtype=wp.vec3), beam: Beam, distance: float, position: float
 ) -> float:
-    """Log-odds that a ping adds at ``distance`` [m] on the ray at ``position`` half widths off its axis."""
+    """Log-odds that a ping adds at ``distance`` [m] on the ray at ``position`` half widths to the shallower side."""
     if beam.returned == 0:
         return beam_pattern(position) * model.no_return
     if distance < beam.clear:

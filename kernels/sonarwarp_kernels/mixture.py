@@ -39,7 +39,7 @@ def check_mixture(mixture: Mixture) -> None:
 
 @wp.func
 def normal_within(deviation: float, length: float) -> float:
-    """Probability that a normal variate of ``deviation`` lies within ``length`` of its mean; exact for small lengths."""
+    """Probability that a normal variate of ``deviation`` lies within ``length`` of its mean, however small."""
     return wp.erf(length / (_SQRT_TWO * deviation))
 
 

@@ -11,11 +11,11 @@ from typing import Any
 import warp as wp
 
 from sonarwarp_kernels.critical import NO_DETECTION
-from sonarwarp_kernels.field import occupancy, read_log_odds
+from sonarwarp_kernels.field import check_field, occupancy, read_log_odds
 from sonarwarp_kernels.geometry import beam_direction
 from sonarwarp_kernels.keys import STREAM_ELEVATION, STREAM_RANGE, mix_key, uniform
 from sonarwarp_kernels.launch import check_array, launch
-from sonarwarp_kernels.mixture import range_density, sample_range
+from sonarwarp_kernels.mixture import check_mixture, range_density, sample_range
 from sonarwarp_kernels.slots import EMPTY
 from sonarwarp_kernels.specs import Fan, Grid, Mixture
 
@@ -26,7 +26,7 @@ wp.set_module_options({"enable_backward": False})
 class Reading:
     """How particles read the field."""
 
-    low: float  # lower clamp of log-odds
+    low: float  # lower clamp of log-odds, at least -80: lower ones are no weight at all in float32
     high: float  # upper clamp of log-odds
     informed: float  # least log-odds that the best particle must find for an informed point
 
@@ -115,19 +115,36 @@ def draw_particle(
 
 
 def check_inputs(
-    fan: Fan, grid: Grid, contacts: Contacts, slot_frame: wp.array, log_odds: wp.array, device: Any
+    fan: Fan,
+    grid: Grid,
+    mixture: Mixture,
+    reading: Reading,
+    contacts: Contacts,
+    slot_frame: wp.array,
+    log_odds: wp.array,
+    device: Any,
 ) -> None:
-    """Refuse inputs of the particles' kernels whose shapes, types or devices do not fit each other."""
+    """Refuse inputs of the particles' kernels that do not fit each other, or that describe nothing.
+
+    Raises:
+        ValueError: an array of the wrong shape, type or device; clamps or a mixture out of bounds.
+    """
+    check_mixture(mixture)
+    if not -80.0 <= reading.low <= reading.high:
+        raise ValueError(f"reading.low: must lie between -80 and reading.high = {reading.high:g}, got {reading.low:g}")
+    check_array("fan.azimuth", fan.azimuth, (None,), wp.float32, device)
+    check_array("fan.range_edge", fan.range_edge, (None,), wp.float32, device)
+    if fan.range_edge.shape[0] < 2:
+        raise ValueError(f"fan.range_edge: needs at least 2 edges, got {fan.range_edge.shape[0]}")
+    check_array("contacts.trajectory", contacts.trajectory, (None,), wp.int32, device)
     beams = fan.azimuth.shape[0]
     frames = contacts.trajectory.shape[0]
-    check_array("contacts.trajectory", contacts.trajectory, (frames,), wp.int32, device)
     check_array("contacts.key", contacts.key, (frames,), wp.uint64, device)
     check_array("contacts.world_from_sensor", contacts.world_from_sensor, (frames,), wp.transform, device)
     check_array("contacts.seabed_range", contacts.seabed_range, (frames, beams), wp.float32, device)
     check_array("contacts.critical_range", contacts.critical_range, (frames, beams), wp.float32, device)
     check_array("slot_frame", slot_frame, (None,), wp.int32, device)
-    check_array("grid.origin", grid.origin, (None,), wp.vec3, device)
-    check_array("log_odds", log_odds, (grid.origin.shape[0], grid.nx, grid.ny, grid.nz), wp.int32, device)
+    check_field(grid, "log_odds", log_odds, device)
 
 
 @wp.kernel
@@ -186,28 +203,24 @@ def sample_particles(
         contacts: critical points of all frames.
         slot_frame: shape [slot].
         log_odds: shape [trajectory, x, y, z].
-        range_out: slant range [m], shape [slot, beam, particle].
-        elevation_out: elevation [rad], shape [slot, beam, particle].
-        weight_out: importance weight, 0 where nothing was detected, shape [slot, beam, particle].
+        range_out: slant range [m], shape [slot, beam, particle]; untouched where nothing was detected.
+        elevation_out: elevation [rad], of the same shape; untouched where nothing was detected.
+        weight_out: importance weight, of the same shape; 0 where nothing was detected and in empty slots.
+
+    Raises:
+        ValueError: as :func:`check_inputs` does, or an output of the wrong shape, type or device.
     """
     device = wp.get_device(device)
-    check_inputs(fan, grid, contacts, slot_frame, log_odds, device)
-    shape = (slot_frame.shape[0], contacts.critical_range.shape[1], range_out.shape[2])
-    check_array("range_out", range_out, shape, wp.float32, device)
+    check_inputs(fan, grid, mixture, reading, contacts, slot_frame, log_odds, device)
+    slots, beams = slot_frame.shape[0], fan.azimuth.shape[0]
+    check_array("range_out", range_out, (slots, beams, None), wp.float32, device)
+    shape = range_out.shape
     check_array("elevation_out", elevation_out, shape, wp.float32, device)
     check_array("weight_out", weight_out, shape, wp.float32, device)
     launch(
         sample_particles_kernel,
-        (shape[0] * shape[1], shape[2]),
-        [
-            fan,
-            grid,
-            mixture,
-            reading,
-            contacts,
-            slot_frame,
-            log_odds,
-        ],
+        (slots * beams, shape[2]),
+        [fan, grid, mixture, reading, contacts, slot_frame, log_odds],
         [range_out, elevation_out, weight_out],
         device,
         threads,

@@ -130,7 +130,7 @@ def detect_profile_kernel(
         last = index
         energy = float(0.0)
         moment = float(0.0)
-        while index < bins and index - last <= detector.gap:
+        while index < bins and index - last <= detector.gap + 1:
             if is_return(profile, range_edge, background, clear, least, index):
                 last = index
             index += 1
@@ -164,10 +164,17 @@ def detect_profile(
         echo: amplitude, shape [ping, bin].
         footprint_out: (10 % point, centroid, 90 % point) of each footprint's energy [m], nearest first, all
             ``NO_FOOTPRINT`` where there is none; ``vec3``, shape [ping, footprint].
+
+    Raises:
+        ValueError: an array of the wrong shape, type or device, or a negative threshold or gap.
     """
     device = wp.get_device(device)
+    for name in ("relative", "clearance", "gap"):
+        value = getattr(detector, name)
+        if not value >= 0:
+            raise ValueError(f"detector.{name}: must be at least 0, got {value:g}")
+    check_array("echo", echo, (None, None), wp.float32, device)
     pings, bins = echo.shape
     check_array("range_edge", range_edge, (bins + 1,), wp.float32, device)
-    check_array("echo", echo, (pings, bins), wp.float32, device)
     check_array("footprint_out", footprint_out, (pings, None), wp.vec3, device)
     launch(detect_profile_kernel, (pings,), [range_edge, detector, echo], [footprint_out], device, threads)

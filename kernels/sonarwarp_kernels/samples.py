@@ -25,11 +25,14 @@ _LEAST_DISTANCE = wp.constant(1.0e-3)
 _FAR = wp.constant(1.0e6)
 
 # Two samples agree when each one's plane foretells the other's range within this many bins, or within this part of the
-# range between them where a cell is long (its bins are then many), and their normals lie within this cosine.
+# range between them where a cell is long (its bins are then many), and their normals lie within this cosine (14 deg).
 _RANGE_BINS = wp.constant(2.0)
 _RANGE_PART = wp.constant(0.25)
-_NORMAL_COSINE = wp.constant(0.99)
+_SMOOTH_COSINE = wp.constant(0.97)
 _REFLECTION_PART = wp.constant(1.0e-3)
+
+# Normals under this cosine (3.6 deg) make a fold to be found between two columns; the ripples of a seabed do not.
+_FOLD_COSINE = wp.constant(0.998)
 
 
 @wp.struct
@@ -61,6 +64,16 @@ class Profile:
     top: float
     lower_weight: float  # of either face [m^2]
     upper_weight: float
+
+
+@wp.struct
+class Fold:
+    """How the surface goes on between two samples that lie beside each other, a strip apart."""
+
+    across: float  # where their planes meet, 0-1 from the first; negative where they do not in between
+    turn: float  # what the first plane's inverse range gains over the strip [1/m]
+    next_turn: float  # and the second's
+    sharp: int  # 1 where the planes differ so much that the fold matters
 
 
 @wp.func
@@ -170,6 +183,12 @@ def is_beyond_reach(foretold: float, fan: Fan) -> bool:
 
 
 @wp.func
+def plane_cosine(a: Sample, b: Sample) -> float:
+    """Cosine between the planes of two samples that met something, whichever way their faces are wound."""
+    return wp.dot(a.plane, b.plane) / wp.sqrt(wp.length_sq(a.plane) * wp.length_sq(b.plane))
+
+
+@wp.func
 def samples_agree(a: Sample, b: Sample, fan: Fan) -> bool:
     """Whether two rays tell of one smooth surface: same face, or planes that foretell each other."""
     if a.face == b.face:
@@ -183,13 +202,10 @@ def samples_agree(a: Sample, b: Sample, fan: Fan) -> bool:
     spread = wp.abs(a.inverse - b.inverse)
     if not (ranges_agree(a.inverse, a_by_b, spread, fan) and ranges_agree(b.inverse, b_by_a, spread, fan)):
         return False
-    square_a = wp.length_sq(a.plane)
-    square_b = wp.length_sq(b.plane)
-    reflection = a.weight * square_a
-    if wp.abs(reflection - b.weight * square_b) > _REFLECTION_PART * reflection:
+    reflection = a.weight * wp.length_sq(a.plane)
+    if wp.abs(reflection - b.weight * wp.length_sq(b.plane)) > _REFLECTION_PART * reflection:
         return False
-    product = wp.dot(a.plane, b.plane)
-    return product > 0.0 and product * product > _NORMAL_COSINE * _NORMAL_COSINE * square_a * square_b
+    return plane_cosine(a, b) > _SMOOTH_COSINE
 
 
 @wp.func
@@ -234,3 +250,22 @@ def profile_weight(profile: Profile, height: float) -> float:
     if height > profile.upper:
         return profile.upper_weight
     return 0.5 * (profile.lower_weight + profile.upper_weight)
+
+
+@wp.func
+def find_fold(sample: Sample, beside: Sample) -> Fold:
+    """Fold between two samples that met something, the second a strip further in azimuth."""
+    fold = Fold()
+    fold.across = -1.0
+    own_there = wp.dot(sample.plane, beside.direction)
+    other_here = wp.dot(beside.plane, sample.direction)
+    fold.turn = own_there - sample.inverse
+    fold.next_turn = beside.inverse - other_here
+    if sample.face != beside.face:
+        step_here = sample.inverse - other_here
+        step_there = own_there - beside.inverse
+        if step_here * step_there < 0.0:
+            fold.across = step_here / (step_here - step_there)
+        if plane_cosine(sample, beside) < _FOLD_COSINE:
+            fold.sharp = 1
+    return fold

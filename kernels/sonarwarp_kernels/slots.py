@@ -200,10 +200,10 @@ def _copy_rows(
     threads: int,
 ) -> None:
     device = wp.get_device(device)
+    check_array("slot_index", slot_index, (None,), wp.int32, device)
+    check_array("value", value, (rows_in, None), getattr(value, "dtype", None), device)
     if value.dtype not in _ROW_TYPES:
         raise ValueError(f"value: expected dtype float32 or vec3f, got {value.dtype.__name__}")
     columns = value.shape[1]
-    check_array("slot_index", slot_index, (None,), wp.int32, device)
-    check_array("value", value, (rows_in, columns), value.dtype, device)
     check_array("value_out", value_out, (rows_out, columns), value.dtype, device)
     launch(kernel, (slot_index.shape[0], columns), [slot_index, value], [value_out], device, threads)

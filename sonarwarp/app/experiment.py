@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -11,6 +10,8 @@ import numpy as np
 import warp as wp
 
 import sonarwarp as sw
+from sonarwarp.app.progress import Watch
+from sonarwarp.schedule import EMPTY
 from sonarwarp.simulator import MEMORY
 from sonarwarp_scenes import Deployment, Scene
 
@@ -118,15 +119,16 @@ def plan_survey(experiment: Experiment) -> sw.Survey:
     return sw.plan_survey(experiment.rig, [deployment.trajectory], frames_from=deployment.frames_from)
 
 
-def run_experiment(experiment: Experiment, *, device: str, watch: Callable[[int], None]) -> Run:
+def run_experiment(experiment: Experiment, *, device: str, watch: Watch) -> Run:
     """Simulate and reconstruct an experiment.
 
     Args:
         experiment: what to run.
         device: Warp device.
-        watch: told after every round how many frames it brought.
+        watch: told of every round.
     """
     survey = plan_survey(experiment)
+    advance = watch(experiment.title, len(survey.frames), "frames")
     engines = Engines(experiment, device)
     schedule = engines.plan_schedule(survey)
     engines.plan(survey, schedule)
@@ -134,7 +136,7 @@ def run_experiment(experiment: Experiment, *, device: str, watch: Callable[[int]
     for frames in schedule.round_frame:
         engines.step()
         wp.synchronize_device(device)
-        watch(int((frames >= 0).sum()))
+        advance(int((frames != EMPTY).sum()))
     clouds = engines.reconstructor.read()
     return Run(
         experiment=experiment,

@@ -1,0 +1,148 @@
+"""The console script ``sonarwarp``. Heavy imports wait for the command that needs them: help comes at once."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from sonarwarp.app.demo import Report
+
+app = typer.Typer(
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    help="Imaging and profiling sonars simulated and fused into 3-D point clouds.",
+)
+
+# Typer's errors share a base that has no public name: it comes from click or from Typer's own copy of it.
+_UsageError = typer.BadParameter.__mro__[1]
+
+_AsJson = Annotated[bool, typer.Option("--json", help="Print JSON on standard output, and nothing else there.")]
+
+
+@app.callback(invoke_without_command=True)
+def _without_command(context: typer.Context) -> None:
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())
+
+
+@app.command()
+def demo(
+    device: Annotated[str | None, typer.Option(help="Warp device, such as cpu or cuda:0; Warp's choice if none.")] = None,
+    seed: Annotated[int, typer.Option(min=0, max=2**63 - 1, help="Of noise, particles and the rough seabed.")] = 0,
+    out: Annotated[Path, typer.Option(help="Folder for clouds, pages and metrics.json.")] = Path("sonarwarp-demo"),
+    as_json: _AsJson = False,
+    mesh: Annotated[
+        Path | None, typer.Option(help="Mesh file, z up, half-buried on a rough seabed in the objects' place.")
+    ] = None,
+    scale: Annotated[float | None, typer.Option(help="Metres per unit of the mesh file; 1 if none.")] = None,
+    altitude: Annotated[
+        float | None, typer.Option(help="Of the vehicle over the seabed with --mesh [m]; by the mesh's size if none.")
+    ] = None,
+) -> None:
+    """Simulate both sonars over the paper's objects, or a mesh, reconstruct them, and compare with the truth."""
+    with _one_line_errors():
+        from sonarwarp.app.demo import mesh_experiment, paper_experiments, run_demo
+        from sonarwarp.app.machine import find_device
+        from sonarwarp.app.progress import show_progress
+
+        if mesh is None:
+            for name, value in (("scale", scale), ("altitude", altitude)):
+                if value is not None:
+                    raise ValueError(f"{name}: {value:g}, needs --mesh")
+            experiments = paper_experiments(seed)
+        else:
+            experiments = [mesh_experiment(mesh, scale=1.0 if scale is None else scale, altitude=altitude, seed=seed)]
+        chosen = find_device(device)
+        with show_progress() as watch:
+            report = run_demo(experiments, device=chosen, out=out, watch=watch)
+        if as_json:
+            _print_json(report.rows)
+        else:
+            _print_report(report, chosen)
+
+
+@app.command()
+def info(as_json: _AsJson = False) -> None:
+    """Show versions, devices and presets."""
+    with _one_line_errors():
+        from sonarwarp.app.info import gather_info
+
+        gathered = gather_info()
+        if as_json:
+            _print_json(gathered)
+            return
+        from rich.console import Console
+
+        from sonarwarp.app.tables import device_table, preset_table, version_table
+
+        console = Console()
+        console.print(version_table(gathered["versions"]))
+        console.print(device_table(gathered["devices"]))
+        if gathered["remark"]:
+            console.print(gathered["remark"], markup=False)
+            console.print()
+        console.print(preset_table(gathered["presets"]))
+
+
+def main() -> None:
+    """Run the command line and exit: 0 done, 1 failed, 2 wrong input, 130 interrupted."""
+    try:
+        code = app(standalone_mode=False)
+    except _UsageError as error:
+        _complain(error.format_message())
+        code = 2
+    sys.exit(code)
+
+
+@contextmanager
+def _one_line_errors() -> Iterator[None]:
+    """Say in one line what went wrong: wrong input is a ``ValueError`` everywhere in this package."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        _complain("interrupted; what was written so far is kept")
+        raise typer.Exit(130) from None
+    except BrokenPipeError:
+        # Whoever read standard output has gone; the interpreter must not flush into the void when it ends.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise typer.Exit(1) from None
+    except ValueError as error:
+        _complain(str(error))
+        raise typer.Exit(2) from None
+    except (OSError, MemoryError) as error:
+        _complain(str(error) or "out of memory")
+        raise typer.Exit(1) from None
+
+
+def _complain(message: str) -> None:
+    print("sonarwarp:", " ".join(message.split()), file=sys.stderr)
+
+
+def _print_json(value: object) -> None:
+    print(json.dumps(value, indent=2, allow_nan=False), flush=True)
+
+
+def _print_report(report: Report, device: str) -> None:
+    from rich.console import Console
+
+    from sonarwarp.app.tables import mesh_table, section_table
+
+    console = Console(highlight=False)
+    over_mesh = report.rows[0]["experiment"] == "mesh"
+    console.print(mesh_table(report.rows) if over_mesh else section_table(report.rows))
+    rate = report.frames / report.seconds
+    console.print(
+        f"{report.frames} frames of both sonars simulated and reconstructed on {device} in {report.seconds:.1f} s: "
+        f"{rate:.0f} frames/s"
+    )
+    console.print("Written:")
+    for path in report.files:
+        console.print(f"  {path}", markup=False, soft_wrap=True)

@@ -1,0 +1,164 @@
+"""Single drawings on a matplotlib axes: sonar images, the field, sections, clouds.
+
+One colour means one thing on every page; all are told apart by colour-blind readers (Okabe and Ito's palette).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sonarwarp.app.snapshot import Snapshot
+from sonarwarp.poses import rotate
+from sonarwarp.sonar import FLS, Rig
+from sonarwarp.survey import Survey
+from sonarwarp_scenes import PlacedObject, Wedge
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.cm import ScalarMappable
+    from mpl_toolkits.mplot3d.axes3d import Axes3D
+
+TRUTH = "#009E73"
+LIMIT = "#56B4E9"
+DETECTION = "#F0E442"
+METHODS = {"single": "#D55E00", "fused": "#0072B2"}
+
+# Echoes are drawn from this far under the strongest [dB].
+_FLOOR_DB = -50.0
+
+_UNSEEN = "0.85"
+
+
+def decibels(amplitude: np.ndarray) -> np.ndarray:
+    """Amplitude over the strongest [dB], no less than the floor of the colour scale."""
+    peak = max(float(amplitude.max(initial=0.0)), float(np.finfo(np.float32).tiny))
+    return 20.0 * np.log10(np.maximum(amplitude / peak, 10.0 ** (_FLOOR_DB / 20.0)))
+
+
+def draw_fan(
+    axes: Axes, fls: FLS, image: np.ndarray, seabed_range: np.ndarray, critical_range: np.ndarray
+) -> ScalarMappable:
+    """One FLS frame in its own plane, with the limit of the region of interest and the critical points.
+
+    Args:
+        axes: where to draw.
+        fls: the sonar, for its beams and bins.
+        image: echo amplitude, shape [beam, bin].
+        seabed_range: limit of the region of interest [m], shape [beam].
+        critical_range: contacts [m], below 0 where a beam has none, shape [beam].
+    """
+    across, ahead = _fan_place(fls.range_edge, fls.azimuth_edge[:, None])
+    drawn = axes.pcolormesh(across, ahead, decibels(image), cmap="gray", vmin=_FLOOR_DB, vmax=0.0, rasterized=True)
+    axes.plot(*_fan_place(seabed_range, fls.azimuth), "--", color=LIMIT, lw=2.0, label="limit of the ROI")
+    found = critical_range >= 0.0
+    place = _fan_place(critical_range[found], fls.azimuth[found])
+    axes.plot(*place, "o", color=DETECTION, ms=3.5, mew=0.0, label="critical points")
+    axes.set_aspect("equal")
+    axes.set_facecolor(_UNSEEN)
+    # Left of the vehicle on the left.
+    axes.set_xlim(1.02 * float(across.max()), 1.02 * float(across.min()))
+    axes.set_ylim(0.0, 1.02 * float(fls.range_edge[-1]))
+    axes.set_xlabel("to the left [m]")
+    return drawn
+
+
+def _fan_place(slant_range: np.ndarray, azimuth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return slant_range * np.sin(azimuth), slant_range * np.cos(azimuth)
+
+
+def draw_sweep(axes: Axes, rig: Rig, survey: Survey, snapshot: Snapshot) -> None:
+    """The last sweep of the PS in the vertical plane: each ping at its head's angle, from where it was sent."""
+    shown = slice(-rig.ps.pings_per_sweep, None)
+    echoes, footprints = snapshot.echoes[shown], snapshot.footprints[shown]
+    start, depression = _ping_rays(survey, snapshot.ping[shown])
+    half = np.radians(rig.ps.beamwidth_deg) / 2
+    # Two edges a ping; what lies between one ping's upper and the next one's lower is left empty.
+    edges = np.stack([depression - half, depression + half], axis=1).reshape(-1, 1)
+    x, z = _along(np.repeat(start, 2, axis=0)[:, None], rig.ps.range_edge, edges)
+    level = np.full((len(edges) - 1, rig.ps.bins), np.nan)
+    level[::2] = decibels(echoes)
+    axes.pcolormesh(x, z, level, cmap="gray", vmin=_FLOOR_DB, vmax=0.0, rasterized=True)
+    ping, number = np.nonzero(footprints[..., 1] >= 0.0)
+    near, centroid, far = (
+        _along(start[ping], footprints[ping, number, point], depression[ping]) for point in range(3)
+    )
+    axes.plot(*(np.stack(ends) for ends in zip(near, far, strict=True)), "-", color=DETECTION, lw=1.0)
+    axes.plot(*centroid, "o", color=DETECTION, ms=3.5, mew=0.0, label="detected footprints, 10 to 90 % of the energy")
+    axes.plot(*start.T, "-", color=LIMIT, lw=3.0, label="the sonar's way")
+    axes.set_aspect("equal")
+    axes.set_facecolor(_UNSEEN)
+    axes.set_xlabel("x [m]")
+    axes.set_ylabel("z [m]")
+
+
+def _ping_rays(survey: Survey, ping: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """World x and z of the head [m], shape [ping, 2], and depression of the beam's axis [rad], shape [ping]."""
+    pose = survey.pings.head_pose[ping]
+    axis = rotate(pose[:, 3:], np.array([1.0, 0.0, 0.0]))
+    return pose[:, [0, 2]], np.arctan2(-axis[:, 2], axis[:, 0])
+
+
+def _along(start: np.ndarray, reach: np.ndarray, depression: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """World x and z [m] at a range from ``start`` [..., 2]."""
+    return start[..., 0] + reach * np.cos(depression), start[..., 1] - reach * np.sin(depression)
+
+
+def draw_field(axes: Axes, snapshot: Snapshot, y: float) -> ScalarMappable:
+    """Probability that cells are occupied, in the vertical plane at ``y`` [m]."""
+    column = int((y - snapshot.origin[1]) / snapshot.cell)
+    cells = snapshot.occupancy[:, min(max(column, 0), snapshot.occupancy.shape[1] - 1)]
+    x = snapshot.origin[0] + snapshot.cell * np.arange(cells.shape[0] + 1)
+    z = snapshot.origin[2] + snapshot.cell * np.arange(cells.shape[1] + 1)
+    drawn = axes.pcolormesh(x, z, cells.T, cmap="gray_r", vmin=0.0, vmax=1.0, rasterized=True)
+    axes.set_facecolor("0.5")
+    _name_section(axes)
+    return drawn
+
+
+def draw_outline(axes: Axes, placed: PlacedObject) -> None:
+    """The true section of an object."""
+    x, z = _section(placed.shape)
+    axes.plot(placed.front_x + x, z, "-", color=TRUTH, lw=2.0, label="truth")
+
+
+def draw_section(axes: Axes, points: np.ndarray, method: str, label: str) -> None:
+    """Points of a central section, one method's."""
+    axes.plot(points[:, 0], points[:, 2], "o", color=METHODS[method], ms=2.5, mew=0.0, label=label)
+    _name_section(axes)
+
+
+def _name_section(axes: Axes) -> None:
+    axes.set_aspect("equal")
+    axes.set_xlabel("x [m]")
+    axes.set_ylabel("z [m]")
+
+
+def _section(shape: Wedge) -> tuple[np.ndarray, np.ndarray]:
+    """Front foot, front top, back top, back foot: x from the front's foot and z [m]."""
+    run = shape.height / np.tan(np.radians(shape.front_slope_deg))
+    return np.array([0.0, run, shape.depth, shape.depth]), np.array([0.0, shape.height, shape.height, 0.0])
+
+
+def draw_cloud(axes: Axes3D, points: np.ndarray, box: np.ndarray, method: str) -> None:
+    """A cloud to scale; what lies outside ``box`` [m], shape [2, 3], is left out."""
+    inside = points[((points >= box[0]) & (points <= box[1])).all(axis=1)]
+    axes.scatter(*inside.T, s=2.0, color=METHODS[method], lw=0.0, depthshade=False, rasterized=True)
+    frame_box(axes, box)
+
+
+def frame_box(axes: Axes3D, box: np.ndarray) -> None:
+    """Show exactly ``box`` [m], shape [2, 3], to scale."""
+    axes.set(xlim=box[:, 0], ylim=box[:, 1], zlim=box[:, 2], xlabel="x [m]", ylabel="y [m]", zlabel="z [m]")
+    axes.set_box_aspect(np.ptp(box, axis=0))
+
+
+def draw_edges(axes: Axes3D, placed: PlacedObject) -> None:
+    """The true edges of an object."""
+    x, z = _section(placed.shape)
+    half = 0.5 * placed.shape.width
+    for y in (placed.centre_y - half, placed.centre_y + half):
+        axes.plot(placed.front_x + np.append(x, x[0]), np.full(5, y), np.append(z, 0.0), color=TRUTH, lw=1.2)
+    for corner_x, corner_z in zip(placed.front_x + x, z, strict=True):
+        axes.plot([corner_x] * 2, [placed.centre_y - half, placed.centre_y + half], [corner_z] * 2, color=TRUTH, lw=1.2)

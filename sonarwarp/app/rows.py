@@ -1,0 +1,133 @@
+"""A run against the truth, as rows for machines: one per object and method."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from sonarwarp.app.experiment import Run
+from sonarwarp.metrics import (
+    ObjectTruth,
+    SectionMetrics,
+    SonarView,
+    SurfaceMetrics,
+    evaluate_section,
+    evaluate_surface,
+    sample_surface,
+    visible_samples,
+)
+from sonarwarp_scenes import PlacedObject
+
+METHODS = ("single", "fused")
+
+TOLERANCE = 0.05
+"""Distance within which a point lies on a mesh, and a place of the mesh is met [m]. Ours: two cells and a half."""
+
+_SAMPLES = 4000
+
+# Neighbouring frames see the same.
+_FRAME_STEP = 5
+
+_SECTION_FIGURES = ("slope_deg", "slope_error", "front_coverage", "area_error", "volume_error")
+_SURFACE_FIGURES = (
+    "tolerance",
+    "accuracy_mean",
+    "accuracy_rms",
+    "accuracy_p95",
+    "precision",
+    "completeness",
+    "f_score",
+)
+
+Sections = Mapping[str, Sequence[SectionMetrics]]
+"""Of each method, one entry per object."""
+
+Surfaces = Mapping[str, SurfaceMetrics]
+"""Of each method."""
+
+
+def evaluate_objects(run: Run) -> Sections:
+    """Both methods' clouds against the known objects."""
+    truths = [_truth(placed) for placed in run.experiment.deployment.objects]
+    slab = _beam_spacing(run)
+    return {name: evaluate_section(getattr(run.clouds, name).points, truths, slab_width=slab) for name in METHODS}
+
+
+def _truth(placed: PlacedObject) -> ObjectTruth:
+    shape = placed.shape
+    return ObjectTruth(
+        name=placed.name,
+        front_x=placed.front_x,
+        centre_y=placed.centre_y,
+        width=shape.width,
+        height=shape.height,
+        depth=shape.depth,
+        front_slope_deg=shape.front_slope_deg,
+        sectional_area=shape.sectional_area,
+        volume=shape.volume,
+    )
+
+
+def _beam_spacing(run: Run) -> float:
+    """Distance between neighbouring beams at the typical contact, or at the typical end of the region of interest [m]."""
+    fls = run.experiment.rig.fls
+    contacts = run.critical_range[run.critical_range > 0.0]
+    reach = np.median(contacts) if len(contacts) else 0.5 * (fls.range_edge[0] + fls.range_edge[-1])
+    return float(reach * np.median(np.diff(fls.azimuth_edge)))
+
+
+def evaluate_mesh(run: Run) -> Surfaces:
+    """Both methods' clouds against the mesh and the seabed; completeness over what both sonars saw of the mesh."""
+    scene, body, survey = run.experiment.deployment.scene, run.experiment.body, run.survey
+    if body is None:
+        raise ValueError(f"run: {run.experiment.title} has no mesh")
+    samples = sample_surface(body.vertices, body.faces, _SAMPLES, run.experiment.seed)
+    views = (
+        (SonarView.of(run.experiment.rig.fls), survey.frames.pose[::_FRAME_STEP]),
+        (SonarView.of(run.experiment.rig.ps), survey.pings.head_pose),
+    )
+    seen = np.zeros(len(samples), dtype=bool)
+    for view, poses in views:
+        seen |= visible_samples(scene.vertices, scene.faces, samples, view, [poses], device=run.device)[0]
+    clouds = [getattr(run.clouds, name).points for name in METHODS]
+    figures = evaluate_surface(
+        scene.vertices, scene.faces, clouds, [samples[seen]] * len(METHODS), tolerance=TOLERANCE, device=run.device
+    )
+    return dict(zip(METHODS, figures, strict=True))
+
+
+def object_rows(run: Run, sections: Sections) -> list[dict[str, Any]]:
+    """Rows of a run over known objects."""
+    objects = run.experiment.deployment.objects
+    return [
+        _row(run, placed.name if len(objects) > 1 else None, method)
+        | {name: getattr(sections[method][index], name) for name in _SECTION_FIGURES}
+        for index, placed in enumerate(objects)
+        for method in METHODS
+    ]
+
+
+def mesh_rows(run: Run, surfaces: Surfaces) -> list[dict[str, Any]]:
+    """Rows of a run over a mesh: no section figures, distances [m] and shares instead."""
+    return [
+        _row(run, None, method)
+        | dict.fromkeys(_SECTION_FIGURES)
+        | {"points": len(getattr(run.clouds, method))}
+        | {name: getattr(surfaces[method], name) for name in _SURFACE_FIGURES}
+        for method in METHODS
+    ]
+
+
+def _row(run: Run, which: str | None, method: str) -> dict[str, Any]:
+    experiment = run.experiment
+    return {
+        "experiment": experiment.name,
+        "object": experiment.object,
+        "deployment": experiment.arrangement,
+        "which": which,
+        "method": method,
+        "noise": experiment.noise,
+        "seed": experiment.seed,
+    }

@@ -1,0 +1,108 @@
+"""Results and presets as tables for people."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+# Paper, section 3.3: slope [deg], its error rate, front coverage (not given), error rates of area and volume.
+_PAPER_FIELD: Mapping[str, Sequence[float | None]] = {
+    "single": (63.89, 0.29, None, 0.57, 0.81),
+    "fused": (85.77, 0.047, None, 0.12, 0.18),
+}
+
+_SECTION_COLUMNS = (
+    ("slope_deg", "slope [°]", ".2f"),
+    ("slope_error", "slope error", ".3f"),
+    ("front_coverage", "front coverage", ".2f"),
+    ("area_error", "area error", ".3f"),
+    ("volume_error", "volume error", ".3f"),
+)
+
+_MESH_COLUMNS = (
+    ("points", "points", "d"),
+    ("accuracy_mean", "mean [m]", ".3f"),
+    ("accuracy_rms", "RMS [m]", ".3f"),
+    ("accuracy_p95", "95 % [m]", ".3f"),
+    ("precision", "precision", ".2f"),
+    ("completeness", "completeness", ".2f"),
+    ("f_score", "F-score", ".2f"),
+)
+
+
+def section_table(rows: Sequence[Mapping[str, Any]]) -> Table:
+    """Front slope, area and volume of known objects, the paper's own figures beside them where it prints them."""
+    table = _table("Front slope, sectional area and volume against the truth", ("object", "noise", "method"))
+    for _, heading, _ in _SECTION_COLUMNS:
+        table.add_column(heading, justify="right")
+    for row in rows:
+        table.add_row(*_names(row), *(_cell(row[key], form) for key, _, form in _SECTION_COLUMNS))
+    table.add_section()
+    for method, figures in _PAPER_FIELD.items():
+        cells = (_cell(value, form) for value, (_, _, form) in zip(figures, _SECTION_COLUMNS, strict=True))
+        table.add_row("brick, in the paper", "at sea", method, *cells, style="italic")
+    return table
+
+
+def mesh_table(rows: Sequence[Mapping[str, Any]]) -> Table:
+    """Distances of clouds to a mesh and its seabed."""
+    tolerance = rows[0]["tolerance"]
+    table = _table(
+        f"Distance to the mesh and the seabed; shares within {100.0 * tolerance:g} cm", ("object", "noise", "method")
+    )
+    for _, heading, _ in _MESH_COLUMNS:
+        table.add_column(heading, justify="right")
+    for row in rows:
+        table.add_row(*_names(row), *(_cell(row[key], form) for key, _, form in _MESH_COLUMNS))
+    return table
+
+
+def preset_table(presets: Mapping[str, Mapping[str, float]]) -> Table:
+    """Main figures of rigs, one rig a column."""
+    table = _table("Presets", ("",))
+    for name in presets:
+        table.add_column(name, justify="right")
+    for key in next(iter(presets.values())):
+        table.add_row(key, *(f"{figures[key]:g}" for figures in presets.values()))
+    return table
+
+
+def device_table(devices: Sequence[Mapping[str, Any]]) -> Table:
+    """Warp devices with their memory."""
+    table = _table("Devices", ("device", "name"))
+    for heading in ("memory [GiB]", "threads"):
+        table.add_column(heading, justify="right")
+    for device in devices:
+        memory = None if device["memory"] is None else device["memory"] / 2**30
+        table.add_row(device["alias"], device["name"], _cell(memory, ".1f"), _cell(device["threads"], "d"))
+    return table
+
+
+def version_table(versions: Mapping[str, str]) -> Table:
+    """Versions by name."""
+    table = _table("Versions", ("", ""))
+    for name, version in versions.items():
+        table.add_row(name, version)
+    return table
+
+
+def _table(title: str, headings: Sequence[str]) -> Table:
+    from rich import box
+    from rich.table import Table
+
+    table = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
+    for heading in headings:
+        table.add_column(heading)
+    return table
+
+
+def _names(row: Mapping[str, Any]) -> tuple[str, str, str]:
+    parts = (row["object"], row["deployment"], row["which"])
+    return ", ".join(part for part in parts if part), row["noise"], row["method"]
+
+
+def _cell(value: float | None, form: str) -> str:
+    return "-" if value is None else format(value, form)
