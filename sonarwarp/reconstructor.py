@@ -17,7 +17,7 @@ from sonarwarp.settings import ReconstructionSettings
 from sonarwarp.simulator import MEMORY, owner_keys, seabed_echo
 from sonarwarp.sonar import PS, Rig
 from sonarwarp.survey import Survey
-from sonarwarp_kernels import critical, estimate, field, geometry, inverse, keys, particles, profile, slots
+from sonarwarp_kernels import critical, estimate, field, geometry, inverse, keys, particles, profile, roi, slots
 from sonarwarp_kernels.launch import cpu_threads
 from sonarwarp_kernels.specs import Mixture
 
@@ -145,7 +145,7 @@ class Reconstructor:
         contacts.critical_range = wp.full(shape, critical.NO_DETECTION, dtype=float, device=device)
         contacts.seabed_range = wp.zeros(shape, dtype=float, device=device)
         altitude = wp.array(frames.altitude, dtype=float, device=device)
-        critical.seabed_range(
+        roi.seabed_range(
             self._fan,
             contacts.world_from_sensor,
             altitude,

@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import warp as wp
-from sonarwarp_kernels import critical, noise
-from sonarwarp_kernels.specs import Fan
 
+from sonarwarp_kernels import critical, noise, roi
+from sonarwarp_kernels.specs import Fan
 from tests.reference import critical as reference
 from tests.reference.geometry import quaternion, sonar_rotation
 
@@ -64,7 +64,7 @@ def make_fan(device, azimuth, elevation_min, cone):
 def seabed_range(device, attitudes, altitude, azimuth, elevation_min, cone=0, threads=1):
     poses = [[3.0, -2.0, 50.0, *quaternion(sonar_rotation(*attitude))] for attitude in attitudes]
     out = wp.zeros((len(poses), len(azimuth)), dtype=float, device=device)
-    critical.seabed_range(
+    roi.seabed_range(
         make_fan(device, azimuth, elevation_min, cone),
         wp.array(poses, dtype=wp.transform, device=device),
         wp.array(altitude, dtype=float, device=device),
@@ -135,7 +135,7 @@ def roi_kernel(
     bins_out: wp.array(dtype=int),
 ):
     i = wp.tid()
-    bins_out[i] = critical.roi_bins(range_edge, r_emin[i], guard[i])
+    bins_out[i] = roi.roi_bins(range_edge, r_emin[i], guard[i])
 
 
 def roi_bins(device, range_edge, r_emin, guard):
@@ -457,4 +457,14 @@ def test_wrong_poses_are_refused_by_name(device, wrong, shape, dtype, message):
     }
     arrays[wrong] = wp.zeros(shape, dtype=dtype, device=device)
     with pytest.raises(ValueError, match=message):
-        critical.seabed_range(make_fan(device, [0.0, 0.1], -0.1, 0), **arrays, device=device)
+        roi.seabed_range(make_fan(device, [0.0, 0.1], -0.1, 0), **arrays, device=device)
+
+
+@pytest.mark.parametrize("width", [0.3, 1.0, 1.6])
+@pytest.mark.parametrize("start", [100.0, 100.35, 100.8])
+def test_a_short_echo_is_not_read_before_it_begins(device, start, width):
+    """A face met at right angles returns within a bin or two; its range lies within the bin where that begins."""
+    edges = np.arange(0.0, 200.0)
+    share = np.clip(np.minimum(edges[1:], start + width) - np.maximum(edges[:-1], start), 0.0, None)
+    got = search(device, share[None, None, :].astype(np.float32), edges + 1.0)
+    assert int(start) <= got.range[0, 0] - 1.0 <= int(start) + 1.0

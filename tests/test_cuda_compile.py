@@ -4,8 +4,9 @@ import importlib
 import pkgutil
 
 import pytest
-import sonarwarp_kernels
 import warp as wp
+
+import sonarwarp_kernels
 
 ARCHITECTURES = (80, 90)
 

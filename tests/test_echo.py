@@ -12,7 +12,7 @@ import warp as wp
 from scipy.spatial.transform import Rotation
 
 from sonarwarp import FLS, PRESETS, PS
-from sonarwarp_kernels import echo
+from sonarwarp_kernels import echo, forming
 from sonarwarp_kernels.specs import Fan
 from sonarwarp_scenes import SAND, WATER, Extent, Roughness, Scene, flat_seabed, rough_seabed
 from tests.reference import echo as oracle
@@ -351,6 +351,21 @@ def test_a_batch_over_two_scenes_equals_each_frame_alone(device, sonar):
         alone = World(device, scenes[which[frame]])
         frames = Frames(alone, poses[frame : frame + 1], numbers=[frame])
         assert np.array_equal(batch[frame], formed_counts(alone, fan, frames)[0])
+
+
+@pytest.mark.parametrize("sonar", ["FLS", "PS"])
+def test_images_do_not_depend_on_the_number_of_lanes(device, sonar, monkeypatch):
+    fan = narrow_fls(8).fan(device) if sonar == "FLS" else PS().fan(device)
+    poses = wandering_poses(2, 3.0, 35.0) if sonar == "FLS" else head_poses("paper field", 2)
+    world = World(device, brick_on_flat())
+    images = []
+    for lanes in (1, 5, 32):
+        for module in (forming, echo):
+            monkeypatch.setattr(module, "lanes", lambda _device, lanes=lanes: lanes)
+        images.append(formed_counts(world, fan, Frames(world, poses)))
+    assert images[0].any()
+    assert np.array_equal(images[0], images[1])
+    assert np.array_equal(images[0], images[2])
 
 
 def test_a_captured_graph_forms_the_same_image(device):

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 import warp as wp
-from sonarwarp_kernels import geometry
 
+from sonarwarp_kernels import geometry
 from tests.reference import geometry as reference
 
 # Float32 carries 24 bits; a chain of a few rotations loses a few of them.

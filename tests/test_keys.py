@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 import warp as wp
-from sonarwarp_kernels import keys
 
+from sonarwarp_kernels import keys
 from tests.reference.keys import mix_key
 
 

@@ -6,6 +6,7 @@ import threading
 import numpy as np
 import pytest
 import warp as wp
+
 from sonarwarp_kernels.launch import check_array, cpu_threads, lanes, launch
 
 

@@ -97,7 +97,7 @@ def test_mounts_and_head_err_once_per_run():
 
 
 def test_wrong_errors_are_refused_by_name():
-    with pytest.raises(ValueError, match=r"Navigation.depth: -1 is outside \[0, 10\]"):
+    with pytest.raises(ValueError, match=r"Navigation\.depth: -1 is outside \[0, 10\]"):
         Navigation(depth=-1.0)
-    with pytest.raises(ValueError, match="Motion.heave_period"):
+    with pytest.raises(ValueError, match=r"Motion\.heave_period"):
         Motion(heave_period=0.0)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import warp as wp
 from scipy import stats
-from sonarwarp_kernels import keys, noise
 
+from sonarwarp_kernels import keys, noise
 from tests.reference.keys import mix_key
 
 EPSILON = float(np.finfo(np.float32).eps)

@@ -9,9 +9,10 @@ from typing import Literal, NamedTuple, cast
 
 import numpy as np
 import pytest
-import sonarwarp_scenes as scenes
 import trimesh
 from scipy.spatial.transform import Rotation, Slerp
+
+import sonarwarp_scenes as scenes
 from sonarwarp_scenes import (
     BRICK,
     FOOT,

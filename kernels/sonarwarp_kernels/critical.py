@@ -1,4 +1,4 @@
-"""Region of interest (Eq. 5-6), Gaussian-difference filter (Eq. 23-28) and critical points (Eq. 29-30).
+"""Gaussian-difference filter (Eq. 23-28) and critical points (Eq. 29-30).
 
 Along each beam the image ahead of the seabed's onset is searched for the edge where an object's echo begins:
 
@@ -24,9 +24,9 @@ from typing import Any
 
 import warp as wp
 
-from sonarwarp_kernels.geometry import beam_direction, bin_below, bin_range
+from sonarwarp_kernels.geometry import bin_range
 from sonarwarp_kernels.launch import check_array, launch
-from sonarwarp_kernels.specs import Fan
+from sonarwarp_kernels.roi import roi_bins
 
 wp.set_module_options({"enable_backward": False})
 
@@ -45,6 +45,12 @@ RAYLEIGH_DEVIATION = wp.constant(0.52272320)
 SHORT_SAMPLE = wp.constant(8.0)
 
 
+# A bin holds some of the echo where it stands over this multiple of the background's mean, as 1 in 1,200 bins of
+# Rayleigh noise do, by this share of the edge, which keeps a step within a bin exact to a hundredth of a per cent.
+ECHO_OVER_BACKGROUND = wp.constant(3.0)
+ECHO_OVER_EDGE = wp.constant(1.0e-4)
+
+
 @wp.struct
 class CriticalFilter:
     """How critical points are found."""
@@ -54,44 +60,6 @@ class CriticalFilter:
     floor: float  # least derivative of an edge [amplitude]: above numerical crumbs where the background is zero
     deviations: float  # least derivative of an edge, in standard deviations that the background gives it
     memory: float  # bins over which the mean of the background forgets, at least 1
-
-
-@wp.func
-def seabed_distance(pose: wp.transform, altitude: float, azimuth: float, elevation: float, cone: int) -> float:
-    """Slant range [m] at which a direction of the sonar meets a flat seabed; infinite where it does not point down."""
-    direction = wp.transform_vector(pose, beam_direction(azimuth, elevation, cone))
-    if direction[2] >= 0.0:
-        return wp.inf
-    return altitude / -direction[2]
-
-
-@wp.kernel
-def seabed_range_kernel(
-    first: int,
-    fan: Fan,
-    world_from_sensor: wp.array(dtype=wp.transform),  # [frame]
-    altitude: wp.array(dtype=float),  # [frame]
-    r_emin_out: wp.array(dtype=float, ndim=2),  # [frame, beam]
-):
-    index, beam = wp.tid()
-    frame = first + index
-    r_emin_out[frame, beam] = seabed_distance(
-        world_from_sensor[frame], altitude[frame], fan.azimuth[beam], fan.elevation_min, fan.cone
-    )
-
-
-@wp.func
-def roi_bins(range_edge: wp.array(dtype=float), r_emin: float, guard: int) -> int:
-    """Number of bins in the ROI (Eq. 5-6): indices up to I_emin, the edge nearest to ``r_emin``, less ``guard``."""
-    bins = range_edge.shape[0] - 1
-    below = wp.min(bin_below(range_edge, r_emin), bins - 1)
-    if below < 0:
-        return 0
-    edge = range_edge[below]
-    coordinate = float(below) + (r_emin - edge) / (range_edge[below + 1] - edge)
-    # Beyond the window the last bin's scale goes on as far as it matters: the range may be infinite.
-    nearest = int(wp.round(wp.min(coordinate, float(bins + guard))))
-    return wp.clamp(nearest - guard + 1, 0, bins)
 
 
 @wp.func
@@ -181,11 +149,15 @@ def next_edge(row: wp.array(dtype=float), bins: int, settings: CriticalFilter, l
 
 
 @wp.func
-def edge_range(range_edge: wp.array(dtype=float), edge: Edge) -> float:
+def edge_range(range_edge: wp.array(dtype=float), row: wp.array(dtype=float), edge: Edge) -> float:
     """Slant range [m] of an edge (Eq. 30, refined within the bin); ``NO_DETECTION`` without one."""
     if edge.bin == NO_BIN:
         return NO_DETECTION
-    return bin_range(range_edge, float(edge.bin) + edge.offset)
+    level = ECHO_OVER_BACKGROUND * edge.background / edge.weight + ECHO_OVER_EDGE * edge.strength
+    first_lit = edge.bin - 1
+    while row[first_lit] <= level and first_lit < edge.bin + REACH:
+        first_lit += 1
+    return bin_range(range_edge, wp.max(float(edge.bin) + edge.offset, float(first_lit) - 0.5))
 
 
 @wp.kernel
@@ -211,7 +183,7 @@ def find_critical_points_kernel(
         if edge.strength > strongest.strength:
             strongest = edge
         edge = next_edge(row, bins, settings, edge)
-    critical_range_out[frame, beam] = edge_range(range_edge, strongest)
+    critical_range_out[frame, beam] = edge_range(range_edge, row, strongest)
     critical_strength_out[frame, beam] = strongest.strength
     critical_bin_out[frame, beam] = strongest.bin
 
@@ -233,44 +205,9 @@ def find_nearest_critical_points_kernel(
     row = image[frame, beam]
     bins = roi_bins(range_edge, r_emin[frame, beam], settings.guard)
     nearest = next_edge(row, bins, settings, before_edges(row, bins))
-    critical_range_out[frame, beam] = edge_range(range_edge, nearest)
+    critical_range_out[frame, beam] = edge_range(range_edge, row, nearest)
     critical_strength_out[frame, beam] = nearest.strength
     critical_bin_out[frame, beam] = nearest.bin
-
-
-def seabed_range(
-    fan: Fan,
-    world_from_sensor: wp.array,
-    altitude: wp.array,
-    r_emin_out: wp.array,
-    *,
-    device: Any = None,
-    threads: int = 1,
-) -> None:
-    """Range r_emin at which each beam's lower edge first meets a flat seabed (Eq. 5, at any attitude).
-
-    A beam stands for its centre azimuth; the sides of the paper's beams differ by less than 0.1 %. The lower edge meets
-    the seabed before the rest of the beam while it points ahead of straight down and is not rolled over.
-
-    Args:
-        fan: azimuths, lower edge and kind of the beams.
-        world_from_sensor: poses of the sonar, shape [frame].
-        altitude: height of the sonar itself above the seabed [m], shape [frame].
-        r_emin_out: slant range [m], shape [frame, beam]; infinite where the lower edge does not point down.
-        device: device of all arrays.
-        threads: CPU threads.
-
-    Raises:
-        ValueError: an array of the wrong shape, type or device.
-    """
-    device = wp.get_device(device)
-    check_array("fan.azimuth", fan.azimuth, (None,), wp.float32, device)
-    check_array("world_from_sensor", world_from_sensor, (None,), wp.transform, device)
-    frames = world_from_sensor.shape[0]
-    beams = fan.azimuth.shape[0]
-    check_array("altitude", altitude, (frames,), wp.float32, device)
-    check_array("r_emin_out", r_emin_out, (frames, beams), wp.float32, device)
-    launch(seabed_range_kernel, (frames, beams), [fan, world_from_sensor, altitude], [r_emin_out], device, threads)
 
 
 def find_critical_points(
@@ -291,7 +228,7 @@ def find_critical_points(
         settings: filter, ROI and detection.
         range_edge: borders of the range bins [m], ascending, shape [bin + 1].
         image: echo amplitudes, shape [frame, beam, bin].
-        r_emin: where the seabed begins (:func:`seabed_range`) [m], shape [frame, beam].
+        r_emin: where the seabed begins (:func:`sonarwarp_kernels.roi.seabed_range`) [m], shape [frame, beam].
         critical_range_out: slant range r_c [m], shape [frame, beam]; ``NO_DETECTION`` where there is none.
         critical_strength_out: derivative at the edge [amplitude], shape [frame, beam]; 0 where there is none.
         critical_bin_out: index I_c of Eq. 29, int32, shape [frame, beam]; ``NO_BIN`` where there is none.

@@ -55,17 +55,24 @@ def edges(amplitude, bins: int, settings) -> list[tuple[int, float, float]]:
     slope = derivative(roi, settings.sigma)
     found = []
     for bin in range(4, len(roi) - 4):
-        ahead = roi[: bin - 2]
-        # The newest bin ahead weighs 1; the first two share the age of the second.
-        age = np.minimum(np.arange(len(ahead))[::-1], len(ahead) - 2)
-        weights = (1 - 1 / settings.memory) ** age
-        count = weights.sum()
-        mean = weights @ ahead / count
+        mean, count = forgotten_mean(roi[: bin - 2], settings.memory)
         threshold = settings.deviations * derivative_deviation(settings.sigma) * mean * (1 + 8 / count)
         before, here, after = slope[bin - 1 : bin + 2]
         if here > before and here >= after and here > max(settings.floor, threshold):
-            found.append((bin, here, bin + 0.5 * (before - after) / (before - 2 * here + after)))
+            vertex = bin + 0.5 * (before - after) / (before - 2 * here + after)
+            # No edge before the first bin that holds some of its echo, three bins on at the latest.
+            level = 3 * forgotten_mean(roi[: bin - 1], settings.memory)[0] + 1e-4 * here
+            lit = [place for place in range(bin - 1, bin + 3) if roi[place] > level]
+            found.append((bin, here, max(vertex, (lit[0] if lit else bin + 3) - 0.5)))
     return found
+
+
+def forgotten_mean(ahead: np.ndarray, memory: float) -> tuple[float, float]:
+    """Exponentially forgotten mean of some bins and the sum of its weights."""
+    # The newest bin ahead weighs 1; the first two share the age of the second.
+    age = np.minimum(np.arange(len(ahead))[::-1], len(ahead) - 2)
+    weights = (1 - 1 / memory) ** age
+    return weights @ ahead / weights.sum(), weights.sum()
 
 
 def critical_point(amplitude, range_edge, r_emin: float, settings, nearest: bool) -> tuple[float, float, int]:
