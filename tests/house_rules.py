@@ -154,6 +154,11 @@ def _host_nodes(names: Names, tree: ast.AST) -> Iterator[ast.AST]:
                 yield from _host_nodes(names, node)
 
 
+def _is_type(call: ast.Call) -> bool:
+    """Whether a call names a type of array, as annotations and overloads do, and makes none."""
+    return not call.args and {keyword.arg for keyword in call.keywords} <= {"dtype", "ndim"} and bool(call.keywords)
+
+
 def costs_on_host(path: str, source: str) -> list[str]:
     """Host code that allocates, synchronises or reads an array back: a launcher could not be captured into a graph."""
     tree = ast.parse(source)
@@ -163,7 +168,7 @@ def costs_on_host(path: str, source: str) -> list[str]:
         if not isinstance(node, ast.Call):
             continue
         module, _, name = names.of(node.func).rpartition(".")
-        if module == "warp" and (name in ALLOCATIONS or name.startswith("synchronize")):
+        if module == "warp" and (name in ALLOCATIONS or name.startswith("synchronize")) and not _is_type(node):
             found.append(f"{path}:{node.lineno} calls wp.{name}")
         elif isinstance(node.func, ast.Attribute) and node.func.attr in HOST_READS:
             found.append(f"{path}:{node.lineno} calls .{node.func.attr}()")

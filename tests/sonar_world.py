@@ -37,6 +37,15 @@ def ball_on_flat() -> Scene:
     return Scene.join(flat_seabed(AHEAD), solid.moved((4.2, 0.1, 0.3)))
 
 
+def vase_on_flat() -> Scene:
+    """A vase of 24 sides, folded by 15 degrees from side to side and where it bulges."""
+    height = np.linspace(0.0, 0.8, 21)
+    radius = 0.14 + 0.08 * np.sin(6.25 * height)
+    vase = trimesh.creation.revolve(np.stack([radius, height], axis=-1), sections=24)
+    solid = Scene(vertices=vase.vertices, faces=vase.faces, impedance=np.full(len(vase.faces), CONCRETE))
+    return Scene.join(flat_seabed(AHEAD), solid.moved((4.2, 0.0, 0.0)))
+
+
 def rods_on_flat() -> Scene:
     """Rods of 1 cm, which stand between the beams' borders."""
     rods = []

@@ -33,6 +33,7 @@ from tests.sonar_world import (
     rods_on_flat,
     rough,
     scratch_for,
+    vase_on_flat,
     wall,
     wandering_poses,
     wedges_on_flat,
@@ -197,7 +198,7 @@ def test_bins_need_not_be_uniform(device):
 
 # --- Forming against many rays ---
 
-SCENES = {"brick": brick_on_flat, "wedges": wedges_on_flat, "rough": rough, "ball": ball_on_flat}
+SCENES = {"brick": brick_on_flat, "wedges": wedges_on_flat, "rough": rough, "ball": ball_on_flat, "vase": vase_on_flat}
 
 
 @pytest.mark.parametrize("preset", ["paper simulation", "paper field"])

@@ -69,7 +69,7 @@ def ridge_of(model: ProfileModel, footprint: wp.vec3) -> Ridge:
     ridge.far = footprint[2]
     ridge.tilt = flatness * spread
     # A uniform spread s has deviation s / sqrt(12); a tilted ridge has taken that up.
-    ridge.deviation = model.range_deviation + 0.289 * (1.0 - flatness) * spread
+    ridge.deviation = model.range_deviation + 0.28867513 * (1.0 - flatness) * spread
     return ridge
 
 

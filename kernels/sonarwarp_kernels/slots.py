@@ -49,7 +49,10 @@ def load_slots(
 
 
 @wp.kernel
-def next_round_kernel(first: int, round_index_out: wp.array(dtype=int)):
+def next_round_kernel(
+    first: int,
+    round_index_out: wp.array(dtype=int),  # [1]
+):
     round_index_out[first + wp.tid()] += 1
 
 
