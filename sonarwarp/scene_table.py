@@ -30,6 +30,8 @@ class DeviceScenes:
                 wp.array(scene.vertices, dtype=wp.vec3, device=device),
                 wp.array(scene.faces.reshape(-1), dtype=int, device=device),
                 bvh_constructor="sah",
+                # Fewer faces a leaf: 5-15 % faster than the default 4 on a rough seabed, 1 is slower than both.
+                bvh_leaf_size=2,
             )
             for scene in scenes
         ]

@@ -150,7 +150,9 @@ def test_random_pings_match_the_oracle_in_every_cell(device, half_width_deg):
     Pings(pings).add(grid, model, [[ping] for ping in range(60)], log_odds)
     found = [excess(got, grid, model, ping) for got, ping in zip(log_odds.numpy(), pings, strict=True)]
     error, slack = np.concatenate(found, axis=1)
-    print(len(error), np.mean(error <= 1), np.quantile(slack, [0.5, 0.9, 0.95, 0.99]), error.max())
+    # Most cells agree to the count, and no cell is let go lightly: a hit is 131,072 counts.
+    assert np.mean(error <= 1) > 0.85
+    assert np.median(slack) < 4
     assert len(error) > 3000
 
 
@@ -159,7 +161,8 @@ def test_attitudes_with_a_vertical_face_or_axis_match_the_oracle(device, name):
     ping = special_pings()[list(SPECIAL).index(name)]
     grid, model = make_grid(device), make_model()
     error, slack = excess(evidence(device, *ping[1:]), grid, model, ping)
-    print(len(error), np.mean(error <= 1), np.quantile(slack, [0.5, 0.9, 0.95, 0.99]), error.max())
+    assert np.mean(error <= 1) > 0.85
+    assert np.median(slack) < 4
     assert len(error) > 50
 
 

@@ -2,8 +2,8 @@
 
 Sediments and rock: Jensen, Kuperman, Porter and Schmidt, Computational Ocean Acoustics, table 1.3.
 Solids: Kinsler, Frey, Coppens and Sanders, Fundamentals of Acoustics, table of properties of solids (bulk speeds).
-Plastics and titanium: Selfridge, Approximate material properties in isotropic materials, IEEE Transactions on Sonics and
-Ultrasonics 32 (1985) 381-394.
+Plastics and titanium: Selfridge, Approximate material properties in isotropic materials, IEEE Transactions on Sonics
+and Ultrasonics 32 (1985) 381-394.
 """
 
 from __future__ import annotations

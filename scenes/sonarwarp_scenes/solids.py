@@ -35,7 +35,10 @@ def cube(size: float) -> Polygons:
 
 
 def plane(width: float, length: float, axis: Axis) -> Polygons:
-    """A rectangle around the origin that faces along ``axis``: width along x (z for axis X), length along y (z for Y)."""
+    """A rectangle around the origin that faces along ``axis``.
+
+    Its width lies along x (z for axis X), its length along y (z for axis Y).
+    """
     across, along = {"X": (2, 1), "Y": (0, 2), "Z": (0, 1)}[axis]
     points = np.zeros((4, 3))
     points[:, across] = 0.5 * width * np.array([-1.0, 1.0, 1.0, -1.0])
@@ -80,8 +83,8 @@ def _turned(profile: Sequence[Sequence[tuple[float, float]]], axis: Axis, segmen
         here = ring * radius if radius else np.zeros((1, 2))
         rings.append(sum(len(p) for p in points) + np.arange(segments) % len(here))
         points.append(np.column_stack([here, np.full(len(here), height)]))
-    counts: list[np.ndarray] = []
-    indices: list[np.ndarray] = []
+    # A shape without any radius has no faces.
+    counts, indices = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
 
     def add(faces: np.ndarray) -> None:
         counts.append(np.full(len(faces), faces.shape[1]))

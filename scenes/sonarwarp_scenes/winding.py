@@ -26,16 +26,16 @@ class Winding(NamedTuple):
     """Triangles of surfaces with a border: of one sense now, but which side is out is not known."""
 
     unclear: int
-    """Triangles of surfaces with one side only, or with an edge that three triangles or more share; the former are left as
-    they were, the latter are of one sense up to such edges."""
+    """Triangles of surfaces with one side only, or with an edge that three triangles or more share; the former are left
+    as they were, the latter are of one sense up to such edges."""
 
 
 def wind_outwards(vertices: np.ndarray, triangles: np.ndarray) -> Winding:
     """Turn triangles over so that neighbours agree, and so that closed surfaces face outwards.
 
     Surfaces are joined over edges that exactly two triangles share; vertices at the same place count as one. On an open
-    surface the majority of the triangles keeps its sense. Every closed surface is taken for itself: the wall of a cavity
-    faces into the body around it.
+    surface the majority of the triangles keeps its sense. Every closed surface is taken for itself: the wall of a
+    cavity comes to face into the body around it.
 
     Args:
         vertices: finite positions, shape [vertex, 3].
@@ -107,8 +107,8 @@ def _agree(count: int, a: np.ndarray, b: np.ndarray, differs: np.ndarray) -> tup
     root, carrying along whether it is turned against it.
 
     Returns:
-        The lowest triangle of each triangle's surface, and whether it must be turned over to agree with that one, unless
-        the surface is twisted; both of shape [triangle].
+        The lowest triangle of each triangle's surface, and whether it must be turned over to agree with that one,
+        unless the surface is twisted; both of shape [triangle].
     """
     root = np.arange(count)
     turned = np.zeros(count, dtype=bool)
