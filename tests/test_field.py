@@ -540,9 +540,9 @@ def test_a_ping_is_added_or_taken_out(device, sign):
 def test_a_grid_without_cells_of_some_size_or_without_origins_is_refused_by_name(device):
     with pytest.raises(ValueError, match=r"grid\.cell: must be above 0, got 0\.0"):
         field.update_field(make_grid(device, cell=0.0), make_model(), sign=1, **update_arrays(device), device=device)
+    empty = Grid()
+    empty.cell = 0.05
     with pytest.raises(ValueError, match=r"grid\.origin: expected a warp array, got NoneType"):
-        empty = Grid()
-        empty.cell = 0.05
         field.update_field(empty, make_model(), sign=1, **update_arrays(device), device=device)
 
 

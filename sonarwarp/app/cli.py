@@ -35,7 +35,7 @@ def _without_command(context: typer.Context) -> None:
 
 @app.command()
 def demo(
-    device: Annotated[str | None, typer.Option(help="Warp device, such as cpu or cuda:0; Warp's choice if none.")] = None,
+    device: Annotated[str | None, typer.Option(help="Such as cpu or cuda:0; Warp's choice if none.")] = None,
     seed: Annotated[int, typer.Option(min=0, max=2**63 - 1, help="Of noise, particles and the rough seabed.")] = 0,
     out: Annotated[Path, typer.Option(help="Folder for clouds, pages and metrics.json.")] = Path("sonarwarp-demo"),
     as_json: _AsJson = False,

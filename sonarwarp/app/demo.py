@@ -33,7 +33,7 @@ from sonarwarp_scenes import (
 # The brick comes inside the FLS's region of interest at 3.1 m [m].
 _BRICK_IMAGING_DISTANCE = 3.5
 
-# Altitudes over a mesh: as low as its width, and a fifth more, stays inside the FLS's swath. Lower than 2 m the swath is
+# Altitudes over a mesh: as low as its width, and a fifth more, stays inside the FLS's swath. Under 2 m the swath is
 # gone before the PS has been round; over 3.5 m the window of the FLS ends before the seabed [m].
 _SWATH_MARGIN = 1.2
 _LOWEST, _HIGHEST = 2.0, 3.5

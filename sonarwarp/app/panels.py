@@ -13,7 +13,7 @@ from sonarwarp.app.snapshot import Snapshot
 from sonarwarp.poses import rotate
 from sonarwarp.sonar import FLS, Rig
 from sonarwarp.survey import Survey
-from sonarwarp_scenes import PlacedObject, Wedge
+from sonarwarp_scenes import PlacedObject, Scene, Wedge
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -81,9 +81,7 @@ def draw_sweep(axes: Axes, rig: Rig, survey: Survey, snapshot: Snapshot) -> None
     level[::2] = decibels(echoes)
     axes.pcolormesh(x, z, level, cmap="gray", vmin=_FLOOR_DB, vmax=0.0, rasterized=True)
     ping, number = np.nonzero(footprints[..., 1] >= 0.0)
-    near, centroid, far = (
-        _along(start[ping], footprints[ping, number, point], depression[ping]) for point in range(3)
-    )
+    near, centroid, far = (_along(start[ping], footprints[ping, number, point], depression[ping]) for point in range(3))
     axes.plot(*(np.stack(ends) for ends in zip(near, far, strict=True)), "-", color=DETECTION, lw=1.0)
     axes.plot(*centroid, "o", color=DETECTION, ms=3.5, mew=0.0, label="detected footprints, 10 to 90 % of the energy")
     axes.plot(*start.T, "-", color=LIMIT, lw=3.0, label="the sonar's way")
@@ -151,7 +149,9 @@ def draw_cloud(axes: Axes3D, points: np.ndarray, box: np.ndarray, method: str) -
 def frame_box(axes: Axes3D, box: np.ndarray) -> None:
     """Show exactly ``box`` [m], shape [2, 3], to scale."""
     axes.set(xlim=box[:, 0], ylim=box[:, 1], zlim=box[:, 2], xlabel="x [m]", ylabel="y [m]", zlabel="z [m]")
-    axes.set_box_aspect(np.ptp(box, axis=0))
+    axes.set_box_aspect(np.ptp(box, axis=0), zoom=1.25)
+    for axis, length in zip("xyz", np.ptp(box, axis=0), strict=True):
+        axes.locator_params(axis=axis, nbins=max(2, round(6 * length / np.ptp(box, axis=0).max())))
 
 
 def draw_edges(axes: Axes3D, placed: PlacedObject) -> None:
@@ -162,3 +162,17 @@ def draw_edges(axes: Axes3D, placed: PlacedObject) -> None:
         axes.plot(placed.front_x + np.append(x, x[0]), np.full(5, y), np.append(z, 0.0), color=TRUTH, lw=1.2)
     for corner_x, corner_z in zip(placed.front_x + x, z, strict=True):
         axes.plot([corner_x] * 2, [placed.centre_y - half, placed.centre_y + half], [corner_z] * 2, color=TRUTH, lw=1.2)
+
+
+def draw_mesh(axes: Axes3D, body: Scene, box: np.ndarray) -> None:
+    """The faces of a mesh that reach over the box's floor, shaded by their slope."""
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+    corners = body.vertices[body.faces]
+    above = corners[corners[..., 2].max(axis=1) > box[0, 2]]
+    clipped = np.clip(above, box[0], box[1])
+    normal = np.cross(above[:, 1] - above[:, 0], above[:, 2] - above[:, 0])
+    length = np.maximum(np.linalg.norm(normal, axis=1), np.finfo(float).tiny)
+    shade = 0.35 + 0.55 * np.abs(normal[:, 2]) / length
+    axes.add_collection3d(Poly3DCollection(clipped, facecolors=np.repeat(shade[:, None], 3, axis=1), lw=0.0))
+    frame_box(axes, box)

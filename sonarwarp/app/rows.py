@@ -71,7 +71,7 @@ def _truth(placed: PlacedObject) -> ObjectTruth:
 
 
 def _beam_spacing(run: Run) -> float:
-    """Distance between neighbouring beams at the typical contact, or at the typical end of the region of interest [m]."""
+    """Distance between neighbouring beams at the typical contact, or in the middle of the window without any [m]."""
     fls = run.experiment.rig.fls
     contacts = run.critical_range[run.critical_range > 0.0]
     reach = np.median(contacts) if len(contacts) else 0.5 * (fls.range_edge[0] + fls.range_edge[-1])

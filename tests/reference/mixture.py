@@ -43,16 +43,16 @@ def parts(mixture, critical: float, start: float, seabed: float) -> list[tuple[f
 
 def density(mixture, critical: float, start: float, seabed: float, distance) -> np.ndarray:
     """Eq. 9 [1/m]."""
-    return sum(weight * part.pdf(distance) for weight, part in parts(mixture, critical, start, seabed))
+    return np.sum([weight * part.pdf(distance) for weight, part in parts(mixture, critical, start, seabed)], axis=0)
 
 
 def share_below(mixture, critical: float, start: float, seabed: float, distance) -> np.ndarray:
     """Distribution function of Eq. 9."""
-    return sum(weight * part.cdf(distance) for weight, part in parts(mixture, critical, start, seabed))
+    return np.sum([weight * part.cdf(distance) for weight, part in parts(mixture, critical, start, seabed)], axis=0)
 
 
 def sample(mixture, critical: float, start: float, seabed: float, choice, part) -> np.ndarray:
-    """Ranges by inversion: ``choice`` takes a part by its weight, ``part`` its quantile, the rise's from its far end."""
+    """Ranges by inversion: ``choice`` takes a part by its weight, ``part`` its quantile; the rise's from the end."""
     weighted = parts(mixture, critical, start, seabed)
     borders = np.cumsum([weight for weight, _ in weighted])[:-1]
     shares = [part, part, part, 1.0 - part]
