@@ -105,7 +105,9 @@ def measure(
         "frames_per_second_range": [batch.frames / max(seconds), batch.frames / min(seconds)],
         "planning_s": planning,
         "warm_up_s": warm_up,
-        "stage_ms_per_frame": {name: value * frame for name, value in stages.most_common()},
+        "stage_ms_per_frame": {
+            name: value * frame for name, value in sorted(stages.items(), key=lambda stage: -stage[1])
+        },
         "peak_memory_mib": _peak_memory(device),
         **machine(device),
     }

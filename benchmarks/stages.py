@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import ModuleType
@@ -26,9 +26,9 @@ _LAUNCHERS: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
 
 
 @contextmanager
-def timed_stages(device: wp.Device) -> Iterator[Counter[str]]:
+def timed_stages(device: wp.Device) -> Iterator[defaultdict[str, float]]:
     """Seconds of each stage while the context lasts, every launch waited for."""
-    seconds: Counter[str] = Counter()
+    seconds: defaultdict[str, float] = defaultdict(float)
     originals = []
     for stage, module, names in _LAUNCHERS:
         for name in names:
@@ -42,7 +42,7 @@ def timed_stages(device: wp.Device) -> Iterator[Counter[str]]:
             setattr(module, name, launcher)
 
 
-def _timed(launcher: Any, stage: str, seconds: Counter[str], device: wp.Device) -> Any:
+def _timed(launcher: Any, stage: str, seconds: defaultdict[str, float], device: wp.Device) -> Any:
     def timed(*arguments: Any, **options: Any) -> None:
         label = stage
         if stage in ("cast and form", "noise"):

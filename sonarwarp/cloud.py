@@ -38,9 +38,10 @@ class PointCloud:
     def write_ply(self, path: str | Path) -> None:
         """Write binary PLY, every attribute a vertex property (float32 or int32)."""
         import trimesh
+        from trimesh.exchange.ply import export_ply
 
         mesh = trimesh.Trimesh(vertices=self.points, process=False)
         for name, values in self.attributes.items():
             kind = np.int32 if np.issubdtype(values.dtype, np.integer) else np.float32
             mesh.vertex_attributes[name] = values.astype(kind)
-        Path(path).write_bytes(trimesh.exchange.ply.export_ply(mesh, encoding="binary"))
+        Path(path).write_bytes(export_ply(mesh, encoding="binary"))

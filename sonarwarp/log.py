@@ -3,10 +3,37 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
+from sonarwarp.schedule import EMPTY
 from sonarwarp.survey import Survey
+
+
+class Log(Protocol):
+    """What a reconstruction reads: a log in memory or on disk."""
+
+    @property
+    def survey(self) -> Survey:
+        """Rig, times and navigation poses."""
+        ...
+
+    def images_of(self, frames: np.ndarray) -> np.ndarray:
+        """FLS images of some frames, float32, shape [slot, beam, bin], zero for ``EMPTY`` slots.
+
+        Args:
+            frames: indices of the survey's frames or ``EMPTY``, shape [slot].
+        """
+        ...
+
+    def echoes_of(self, pings: np.ndarray) -> np.ndarray:
+        """PS echo profiles of some pings, float32, shape [slot, bin], zero for ``EMPTY`` slots.
+
+        Args:
+            pings: indices of the survey's pings or ``EMPTY``, shape [slot].
+        """
+        ...
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -24,11 +51,27 @@ class SonarLog:
 
     def __post_init__(self) -> None:
         rig = self.survey.rig
-        _check_amplitudes("SonarLog.images", self.images, (len(self.survey.frames), rig.fls.beams, rig.fls.bins))
-        _check_amplitudes("SonarLog.echoes", self.echoes, (len(self.survey.pings), rig.ps.bins))
+        check_amplitudes("SonarLog.images", self.images, (len(self.survey.frames), rig.fls.beams, rig.fls.bins))
+        check_amplitudes("SonarLog.echoes", self.echoes, (len(self.survey.pings), rig.ps.bins))
+
+    def images_of(self, frames: np.ndarray) -> np.ndarray:
+        """As :meth:`Log.images_of`."""
+        return _rows(self.images, frames)
+
+    def echoes_of(self, pings: np.ndarray) -> np.ndarray:
+        """As :meth:`Log.echoes_of`."""
+        return _rows(self.echoes, pings)
 
 
-def _check_amplitudes(name: str, values: np.ndarray, shape: tuple[int, ...]) -> None:
+def _rows(values: np.ndarray, index: np.ndarray) -> np.ndarray:
+    rows = np.zeros((len(index), *values.shape[1:]), dtype=values.dtype)
+    filled = index != EMPTY
+    rows[filled] = values[index[filled]]
+    return rows
+
+
+def check_amplitudes(name: str, values: np.ndarray, shape: tuple[int, ...]) -> None:
+    """Refuse amplitudes that are not float32, finite and of ``shape``, with a ``ValueError`` that says so."""
     if values.shape != shape:
         raise ValueError(f"{name}: expected shape {shape}, got {values.shape}")
     if values.dtype != np.float32:

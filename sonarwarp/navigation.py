@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sonarwarp.checks import in_range
-from sonarwarp.poses import compose
+from sonarwarp.poses import turned
 from sonarwarp.sonar import Mount, Rig
 from sonarwarp.survey import Survey, join_surveys, plan_survey
 from sonarwarp_scenes import Trajectory
@@ -118,19 +118,7 @@ def moved(planned: Trajectory, motion: Motion, *, seed: int, key: int = 0) -> Tr
         ],
         axis=-1,
     )
-    return Trajectory(times=times, poses=_turned(poses, np.radians(angles)))
-
-
-def _turned(poses: np.ndarray, angles: np.ndarray) -> np.ndarray:
-    """Poses turned in their own frame by roll, pitch and yaw [rad], shape [pose, 3], yaw outermost (Eq. 35's order)."""
-    turn = np.zeros((len(angles), 7))
-    turn[:, 6] = 1.0
-    for axis in (2, 1, 0):
-        step = np.zeros_like(turn)
-        step[:, 3 + axis] = np.sin(0.5 * angles[:, axis])
-        step[:, 6] = np.cos(0.5 * angles[:, axis])
-        turn = compose(turn, step)
-    return compose(poses, turn)
+    return Trajectory(times=times, poses=turned(poses, np.radians(angles)))
 
 
 def navigated(truth: Trajectory, navigation: Navigation, *, seed: int, key: int = 0) -> Trajectory:
@@ -146,7 +134,7 @@ def navigated(truth: Trajectory, navigation: Navigation, *, seed: int, key: int 
     poses[1:, :2] = poses[0, :2] + np.cumsum(steps, axis=0)
     poses[:, 2] += navigation.depth * _half_bias(_random(seed, key, _DEPTH), (len(times), 1))[:, 0]
     angles = np.radians(navigation.attitude_deg) * _half_bias(_random(seed, key, _ATTITUDE), (len(times), 3))
-    return Trajectory(times=times, poses=_turned(poses, angles))
+    return Trajectory(times=times, poses=turned(poses, angles))
 
 
 def _half_bias(random: np.random.Generator, shape: tuple[int, int]) -> np.ndarray:

@@ -20,3 +20,15 @@ def compose(outer: np.ndarray, inner: np.ndarray) -> np.ndarray:
     scalar = a[..., 3:] * b[..., 3:] - np.sum(a[..., :3] * b[..., :3], axis=-1, keepdims=True)
     position = outer[..., :3] + rotate(a, inner[..., :3])
     return np.concatenate([position, axis, scalar], axis=-1)
+
+
+def turned(poses: np.ndarray, angles: np.ndarray) -> np.ndarray:
+    """Poses turned in their own frame by roll, pitch and yaw [rad], shape [pose, 3], yaw outermost (Eq. 35's order)."""
+    turn = np.zeros((len(angles), 7))
+    turn[:, 6] = 1.0
+    for axis in (2, 1, 0):
+        step = np.zeros_like(turn)
+        step[:, 3 + axis] = np.sin(0.5 * angles[:, axis])
+        step[:, 6] = np.cos(0.5 * angles[:, axis])
+        turn = compose(turn, step)
+    return compose(poses, turn)

@@ -11,7 +11,7 @@ import warp as wp
 
 from sonarwarp.cloud import PointCloud
 from sonarwarp.field_box import plan_grid
-from sonarwarp.log import SonarLog
+from sonarwarp.log import Log
 from sonarwarp.schedule import Schedule, frames_per_round, plan_schedule
 from sonarwarp.settings import ReconstructionSettings
 from sonarwarp.simulator import MEMORY, owner_keys, seabed_echo
@@ -138,7 +138,7 @@ class Reconstructor:
         seeds, owners = owner_keys(survey.trajectories, seed, trajectory_keys, device)
         contacts = particles.Contacts()
         contacts.trajectory = wp.array(frames.trajectory, dtype=int, device=device)
-        contacts.key = wp.empty(len(frames), dtype=wp.uint64, device=device)
+        contacts.key = wp.zeros(len(frames), dtype=wp.uint64, device=device)
         number = wp.array(frames.number, dtype=int, device=device)
         keys.frame_keys(seeds, owners, contacts.trajectory, number, keys.FLS_FRAMES, contacts.key, device=device)
         contacts.world_from_sensor = wp.array(frames.pose, dtype=wp.transform, device=device)
@@ -224,7 +224,7 @@ class Reconstructor:
 
     @property
     def footprints(self) -> wp.array:
-        """Footprints of the pings worked in so far, as ``profile.detect_profile`` gives them, shape [ping, footprint]."""
+        """Footprints of the pings worked in so far (``profile.detect_profile``), shape [ping, footprint]."""
         return self._footprint
 
     def reset(self) -> None:
@@ -336,7 +336,7 @@ def _reading(settings: ReconstructionSettings) -> particles.Reading:
 
 
 def reconstruct(
-    log: SonarLog,
+    log: Log,
     *,
     settings: ReconstructionSettings | None = None,
     seed: int = 0,
@@ -347,7 +347,7 @@ def reconstruct(
     """Reconstruct a log, simulated or recorded.
 
     Args:
-        log: images, echoes and survey.
+        log: images, echoes and survey, in memory or on disk.
         settings: detection, field, mixture and particles.
         seed: of the particles.
         device: Warp device.
@@ -364,7 +364,7 @@ def reconstruct(
     )
     reconstructor.plan(survey, schedule, seed=seed)
     for frame, ping in zip(schedule.round_frame, schedule.round_ping, strict=True):
-        images = wp.array(log.images[frame], dtype=float, device=reconstructor.device)
-        echoes = wp.array(log.echoes[ping], dtype=float, device=reconstructor.device)
+        images = wp.array(log.images_of(frame), dtype=float, device=reconstructor.device)
+        echoes = wp.array(log.echoes_of(ping), dtype=float, device=reconstructor.device)
         reconstructor.step(images, echoes)
     return reconstructor.read()

@@ -152,7 +152,7 @@ class Simulator:
     ) -> _Buffers:
         device, count, slot_count = self.device, len(pose), table.shape[1]
         seeds, owners = self._owner_keys
-        key = wp.empty(count, dtype=wp.uint64, device=device)
+        key = wp.zeros(count, dtype=wp.uint64, device=device)
         index = wp.array(trajectory, dtype=int, device=device)
         keys.frame_keys(seeds, owners, index, wp.array(number, dtype=int, device=device), sonar, key, device=device)
         scratch = forming.Scratch()
@@ -218,6 +218,11 @@ class Simulator:
             sonar.image,
             **on,
         )
+
+    @property
+    def scenes(self) -> DeviceScenes:
+        """The scenes on the device, for whoever casts rays at them too."""
+        return self._scenes
 
     @property
     def images(self) -> wp.array:

@@ -13,6 +13,7 @@ import numpy as np
 import warp as wp
 
 from sonarwarp.checks import finite_array, in_range
+from sonarwarp.poses import turned
 from sonarwarp_kernels.specs import Fan
 
 # Integer sums hold this many counts for the largest amplitude that a bin can reach: one bit under the sign is spare.
@@ -20,6 +21,9 @@ _FULL_SCALE = 2.0**30
 
 # Widest strip of a beam [rad]. Over a brick's edges strips of 1 deg are 1.6 % wrong, of 0.5 deg 0.8 %, of 3 deg 2.7 %.
 _WIDEST_STRIP = math.radians(0.5)
+
+# Furthest range and longest lever arm [m]: positions in single precision are good to 1 mm up to here.
+_FURTHEST = 1e4
 
 
 def uniform_edges(start: float, stop: float, count: int) -> np.ndarray:
@@ -59,7 +63,8 @@ class FLS:
         object.__setattr__(self, "range_edge", finite_array("FLS.range_edge", self.range_edge, ascending=True))
         in_range("FLS.azimuth_edge[0]", self.azimuth_edge[0], -math.pi / 2, math.pi / 2)
         in_range("FLS.azimuth_edge[-1]", self.azimuth_edge[-1], -math.pi / 2, math.pi / 2)
-        in_range("FLS.range_edge[0]", self.range_edge[0], 0.01, math.inf)
+        in_range("FLS.range_edge[0]", self.range_edge[0], 0.01, _FURTHEST)
+        in_range("FLS.range_edge[-1]", self.range_edge[-1], 0.01, _FURTHEST)
         in_range("FLS.vertical_beamwidth_deg", self.vertical_beamwidth_deg, 0.1, 120.0)
         in_range("FLS.rate", self.rate, 1e-3, 1e3)
         in_range("FLS.gain_db", self.gain_db, -200.0, 200.0)
@@ -138,7 +143,8 @@ class PS:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "range_edge", finite_array("PS.range_edge", self.range_edge, ascending=True))
-        in_range("PS.range_edge[0]", self.range_edge[0], 0.01, math.inf)
+        in_range("PS.range_edge[0]", self.range_edge[0], 0.01, _FURTHEST)
+        in_range("PS.range_edge[-1]", self.range_edge[-1], 0.01, _FURTHEST)
         in_range("PS.beamwidth_deg", self.beamwidth_deg, 0.05, 30.0)
         in_range("PS.fan_beamwidth_deg", self.fan_beamwidth_deg, 0.1, 120.0)
         in_range("PS.sector_deg", self.sector_deg, self.step_deg, 360.0)
@@ -225,19 +231,16 @@ class Mount:
 
     def __post_init__(self) -> None:
         finite_array("Mount.position", np.asarray(self.position, dtype=float), shape=(3,))
+        for value in self.position:
+            in_range("Mount.position", value, -_FURTHEST, _FURTHEST)
         in_range("Mount.tilt_deg", self.tilt_deg, -180.0, 180.0)
         in_range("Mount.roll_deg", self.roll_deg, -180.0, 180.0)
         in_range("Mount.pan_deg", self.pan_deg, -180.0, 180.0)
 
     def vehicle_from_sensor(self) -> np.ndarray:
         """Pose of the sonar in the vehicle's frame, (x, y, z, qx, qy, qz, qw), by Eq. 35's order of rotations."""
-        turns = ((2, self.pan_deg), (1, self.tilt_deg), (0, self.roll_deg))
-        rotation = wp.quat_identity()
-        for axis, degrees in turns:
-            direction = [0.0, 0.0, 0.0]
-            direction[axis] = 1.0
-            rotation = rotation * wp.quat_from_axis_angle(wp.vec3(*direction), math.radians(degrees))
-        return np.array([*self.position, *rotation], dtype=np.float64)
+        still = np.array([[*self.position, 0.0, 0.0, 0.0, 1.0]], dtype=np.float64)
+        return turned(still, np.radians([[self.roll_deg, self.tilt_deg, self.pan_deg]]))[0]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,6 +1,7 @@
 """The demo: rows, clouds and pages of a small run; the issue's bounds on the full one."""
 
 import json
+from typing import Any
 
 import numpy as np
 import pytest
@@ -52,7 +53,7 @@ def test_a_small_demo_leaves_rows_clouds_and_pages(device, tmp_path):
     written = json.loads((tmp_path / "metrics.json").read_text())
     assert written["rows"] == report.rows
     assert {"versions", "device"} <= set(written)
-    cloud = trimesh.load(tmp_path / "field_brick_none_fused.ply")
+    cloud: Any = trimesh.load(tmp_path / "field_brick_none_fused.ply")
     stored = cloud.metadata["_ply_raw"]["vertex"]["data"]
     assert {"quality", "elevation", "elevation_deviation", "effective_size", "range"} <= set(stored.dtype.names)
     assert len(cloud.vertices) > 50
@@ -65,6 +66,7 @@ def test_a_mesh_lies_half_buried_in_the_objects_place(tmp_path):
     trimesh.creation.icosphere(subdivisions=2, radius=30.0).export(path)
     experiment = mesh_experiment(path, scale=0.01, altitude=None, seed=3)
     assert experiment.object == "ball"
+    assert experiment.body is not None
     low, high = experiment.body.bounds()
     assert np.allclose([low[2], high[2]], [-0.3, 0.3], atol=0.02)
     assert abs(low[0]) < 0.02

@@ -81,9 +81,7 @@ def range_density(mixture: Mixture, critical: float, start: float, seabed: float
         return 0.0
     edge = wp.clamp(critical, start, seabed)
     away = (distance - edge) / mixture.deviation
-    inside = 0.5 * (
-        normal_within(mixture.deviation, edge - start) + normal_within(mixture.deviation, seabed - edge)
-    )
+    inside = 0.5 * (normal_within(mixture.deviation, edge - start) + normal_within(mixture.deviation, seabed - edge))
     hit = _INVERSE_SQRT_TWO_PI * wp.exp(-0.5 * away * away) / (mixture.deviation * inside)
     short = float(0.0)
     if distance < edge:

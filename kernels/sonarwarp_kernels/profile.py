@@ -2,8 +2,8 @@
 
 A footprint is a stretch of range bins whose smoothed amplitude stands clear of the background and, once corrected for
 spreading by r^2, within a given level of the profile's peak. It is described by the 10 % and 90 % points and the
-centroid of its energy: first returns alone credit a beam's steep edge to the whole beam, which shows as scallops of
-5-10 cm on flat tops.
+centroid of its energy, here the sum of corrected amplitudes: first returns alone credit a beam's steep edge to the
+whole beam, which shows as scallops of 5-10 cm on flat tops.
 
 The mean of the background is found in the profile itself by clipping: of all bins under three times the mean so far,
 a few times over. Rayleigh noise is over three times its mean in 1 of 1,200 bins, echoes nearly always.

@@ -22,7 +22,7 @@ app = typer.Typer(
 )
 
 # Typer's errors share a base that has no public name: it comes from click or from Typer's own copy of it.
-_UsageError = typer.BadParameter.__mro__[1]
+_UsageError: type[Exception] = typer.BadParameter.__mro__[1]  # pyright: ignore[reportAssignmentType]
 
 _AsJson = Annotated[bool, typer.Option("--json", help="Print JSON on standard output, and nothing else there.")]
 
@@ -97,7 +97,7 @@ def main() -> None:
     try:
         code = app(standalone_mode=False)
     except _UsageError as error:
-        _complain(error.format_message())
+        _complain(error.format_message())  # pyright: ignore[reportAttributeAccessIssue]
         code = 2
     sys.exit(code)
 

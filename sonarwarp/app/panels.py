@@ -142,16 +142,20 @@ def _section(shape: Wedge) -> tuple[np.ndarray, np.ndarray]:
 def draw_cloud(axes: Axes3D, points: np.ndarray, box: np.ndarray, method: str) -> None:
     """A cloud to scale; what lies outside ``box`` [m], shape [2, 3], is left out."""
     inside = points[((points >= box[0]) & (points <= box[1])).all(axis=1)]
-    axes.scatter(*inside.T, s=2.0, color=METHODS[method], lw=0.0, depthshade=False, rasterized=True)
+    axes.scatter(*inside.T, s=2, color=METHODS[method], lw=0.0, depthshade=False, rasterized=True)
     frame_box(axes, box)
 
 
 def frame_box(axes: Axes3D, box: np.ndarray) -> None:
     """Show exactly ``box`` [m], shape [2, 3], to scale."""
+    from matplotlib.ticker import MaxNLocator
+
     axes.set(xlim=box[:, 0], ylim=box[:, 1], zlim=box[:, 2], xlabel="x [m]", ylabel="y [m]", zlabel="z [m]")
-    axes.set_box_aspect(np.ptp(box, axis=0), zoom=1.25)
-    for axis, length in zip("xyz", np.ptp(box, axis=0), strict=True):
-        axes.locator_params(axis=axis, nbins=max(2, round(6 * length / np.ptp(box, axis=0).max())))
+    sides = np.ptp(box, axis=0)
+    # As large as the axes allow, and no more ticks than a side has room for.
+    axes.set_box_aspect(sides, zoom=1.25)  # pyright: ignore[reportArgumentType]
+    for axis, side in zip((axes.xaxis, axes.yaxis, axes.zaxis), sides, strict=True):
+        axis.set_major_locator(MaxNLocator(max(2, round(6 * side / sides.max()))))
 
 
 def draw_edges(axes: Axes3D, placed: PlacedObject) -> None:

@@ -1,0 +1,311 @@
+"""Scenes and deployments as OpenUSD files.
+
+OpenUSD keeps points in single precision, as kernels do: the file holds what a device would get of the scene, bit for
+bit.
+"""
+
+# pyright: reportAttributeAccessIssue=false
+# OpenUSD fills its modules when they load, where no type checker sees it.
+
+from __future__ import annotations
+
+import errno
+import math
+import uuid
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sonarwarp_scenes.checks import check_positive, read_only
+from sonarwarp_scenes.deployments import Deployment
+from sonarwarp_scenes.materials import SAND
+from sonarwarp_scenes.scene import Scene
+from sonarwarp_scenes.trajectories import Trajectory
+from sonarwarp_scenes.usd_impedance import IMPEDANCE_ATTRIBUTE, IMPEDANCE_PRIMVAR
+
+if TYPE_CHECKING:
+    from pxr import Gf, Sdf, Usd, UsdGeom
+
+TIME_CODES_PER_SECOND = 32.0
+"""A power of two, so that times in seconds come back bit for bit; near the frames that viewers show in a second."""
+
+FRAMES_FROM_ATTRIBUTE = "sonarwarp:framesFrom"
+
+_SAND_COLOUR = (0.76, 0.66, 0.45)
+_OBJECT_COLOUR = (0.45, 0.47, 0.50)
+_BEAM_COLOUR = (0.10, 0.65, 0.85)
+_RUN_COLOUR = (0.90, 0.45, 0.10)
+
+# Corners of an outline's arc.
+_ARC = 9
+
+
+@dataclass(frozen=True, kw_only=True)
+class SonarOutline:
+    """What of a sonar is drawn on the vehicle: the edges of the space that it looks into.
+
+    Raises:
+        ValueError: a pose of another shape, an angle outside (0, pi/2], or a range that is not positive or not over the
+            lower.
+    """
+
+    name: str
+    """Name of its prim."""
+
+    vehicle_from_sensor: tuple[float, ...]
+    """Position x, y, z [m], then the unit quaternion x, y, z, w; x forward, y left, z up."""
+
+    half_azimuth: float
+    """Half the extent about the sensor's z axis [rad]."""
+
+    half_elevation: float
+    """Half the extent above and below its x-y plane [rad]."""
+
+    range_min: float
+    """[m]."""
+
+    range_max: float
+    """[m]."""
+
+    def __post_init__(self) -> None:
+        read_only("vehicle_from_sensor", self.vehicle_from_sensor, (7,))
+        for name in ("half_azimuth", "half_elevation"):
+            if not 0.0 < getattr(self, name) <= 0.5 * math.pi:
+                raise ValueError(f"{name}: {getattr(self, name)} rad, must be over 0 and at most pi/2")
+        check_positive("range_min", self.range_min)
+        check_positive("range_max", self.range_max)
+        if self.range_min >= self.range_max:
+            raise ValueError(f"range_max: {self.range_max} m, must be over range_min of {self.range_min} m")
+
+    def edges(self) -> list[np.ndarray]:
+        """Polylines in the sensor's frame [m], each of shape [corner, 3]."""
+        azimuths = np.linspace(-self.half_azimuth, self.half_azimuth, _ARC)
+        elevations = np.linspace(-self.half_elevation, self.half_elevation, _ARC)
+        ranges = np.array([self.range_min, self.range_max])
+        edges = [_polar(ranges, a, e) for a in azimuths[[0, -1]] for e in elevations[[0, -1]]]
+        edges += [_polar(r, azimuths, e) for r in ranges for e in elevations[[0, -1]]]
+        return edges + [_polar(r, a, elevations) for r in ranges for a in azimuths[[0, -1]]]
+
+
+def _polar(distance: np.ndarray, azimuth: np.ndarray, elevation: np.ndarray) -> np.ndarray:
+    """Points [n, 3]; the arguments broadcast to [n]."""
+    level = distance * np.cos(elevation)
+    x, y, z = level * np.cos(azimuth), level * np.sin(azimuth), distance * np.sin(elevation)
+    return np.stack(np.broadcast_arrays(x, y, z), axis=-1)
+
+
+def write_scene(path: str | Path, scene: Scene, *, name: str = "Surface") -> None:
+    """Write a scene as one OpenUSD mesh, in metres with z up.
+
+    :func:`~sonarwarp_scenes.read_scene` gives the same triangles in the same order, with vertices as single precision
+    holds them and impedances bit for bit, as long as its repair of windings finds nothing to turn and all triangles
+    have an area.
+
+    Args:
+        path: the file: .usda (text), .usdc or .usd (binary). It is replaced in one step once all is written.
+        scene: the scene.
+        name: name of the mesh's prim; characters that prims' names cannot have become underscores.
+
+    Raises:
+        ValueError: another suffix, or a scene whose faces all lose their area in single precision.
+        OSError: the folder does not exist, may not be written, or its disk is full.
+        ModuleNotFoundError: usd-core is not installed.
+    """
+    stage = _new_stage("Triangles with an acoustic impedance each.")
+    _add_mesh(stage, stage.GetDefaultPrim().GetPath(), name, scene)
+    _save(stage, Path(path))
+
+
+def write_deployment(path: str | Path, deployment: Deployment, *, sonars: Sequence[SonarOutline] = ()) -> None:
+    """Write a deployment as an OpenUSD stage that viewers can play: seabed, objects, run, and the vehicle moving along.
+
+    ``/World`` holds the meshes in the order of the scene's faces, the run as a curve, and ``Vehicle`` with time-sampled
+    translation and orientation at the trajectory's poses, between which OpenUSD interpolates as ``Trajectory`` does.
+    Time code 0 is time 0. Under ``Vehicle`` stands every sonar with the outline of what it looks into; its attribute
+    ``sonarwarp:framesFrom`` [s] says when imaging may start.
+
+    Args:
+        path: as for :func:`write_scene`.
+        deployment: the deployment.
+        sonars: what the vehicle carries.
+
+    Raises:
+        ValueError: as for :func:`write_scene`.
+        OSError: as for :func:`write_scene`.
+        ModuleNotFoundError: usd-core is not installed.
+    """
+    from pxr import Sdf
+
+    stage = _new_stage(f"Deployment {deployment.name}.")
+    world = stage.GetDefaultPrim().GetPath()
+    for name, part in _deployment_parts(deployment):
+        _add_mesh(stage, world, name, part)
+    trajectory = deployment.trajectory
+    stage.SetStartTimeCode(float(trajectory.times[0]) * TIME_CODES_PER_SECOND)
+    stage.SetEndTimeCode(float(trajectory.times[-1]) * TIME_CODES_PER_SECOND)
+    if len(trajectory.poses) > 1:
+        _add_curves(stage, _free_path(stage, world, "Run"), [trajectory.poses[:, :3]], _RUN_COLOUR)
+    vehicle = _add_moving(stage, _free_path(stage, world, "Vehicle"), trajectory)
+    frames_from = vehicle.GetPrim().CreateAttribute(FRAMES_FROM_ATTRIBUTE, Sdf.ValueTypeNames.Double)
+    frames_from.Set(deployment.frames_from)
+    for sonar in sonars:
+        here = _free_path(stage, vehicle.GetPath(), sonar.name)
+        still = Trajectory(times=np.zeros(1), poses=np.array([sonar.vehicle_from_sensor]))
+        _add_still(stage, here, still.poses[0])
+        _add_curves(stage, here.AppendChild("Beam"), sonar.edges(), _BEAM_COLOUR)
+    _save(stage, Path(path))
+
+
+def _deployment_parts(deployment: Deployment) -> Iterable[tuple[str, Scene]]:
+    """The scene cut at its objects, where these come last; else in one."""
+    scene = deployment.scene
+    names, face = ["Surface"], np.array([0, len(scene.faces)])
+    if deployment.objects:
+        bodies = [item.scene(float(scene.impedance[-1])) for item in deployment.objects]
+        triangles = np.concatenate([body.vertices[body.faces] for body in bodies])
+        if np.array_equal(scene.vertices[scene.faces[-len(triangles) :]], triangles):
+            names = ["Seabed", *(item.name for item in deployment.objects)]
+            sizes = [len(body.faces) for body in bodies]
+            face = np.cumsum([0, len(scene.faces) - sum(sizes), *sizes])
+    for name, start, end in zip(names, face[:-1], face[1:], strict=True):
+        used = scene.faces[start:end]
+        low, high = int(used.min()), int(used.max())
+        yield (
+            name,
+            Scene(vertices=scene.vertices[low : high + 1], faces=used - low, impedance=scene.impedance[start:end]),
+        )
+
+
+def _new_stage(documentation: str) -> Usd.Stage:
+    """An empty stage in metres, z up, with ``/World`` as its default prim."""
+    from pxr import Usd, UsdGeom
+
+    stage = Usd.Stage.CreateInMemory()
+    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
+    stage.SetTimeCodesPerSecond(TIME_CODES_PER_SECOND)
+    stage.SetFramesPerSecond(TIME_CODES_PER_SECOND)
+    stage.GetRootLayer().documentation = documentation
+    stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/World").GetPrim())
+    return stage
+
+
+def _free_path(stage: Usd.Stage, parent: Sdf.Path, name: str) -> Sdf.Path:
+    """Path below ``parent`` for a prim called ``name``, or nearly so where characters or prims are in the way."""
+    from pxr import Tf
+
+    valid = Tf.MakeValidIdentifier(name)
+    path, number = parent.AppendChild(valid), 1
+    while stage.GetPrimAtPath(path):
+        path, number = parent.AppendChild(f"{valid}_{number}"), number + 1
+    return path
+
+
+def _add_mesh(stage: Usd.Stage, parent: Sdf.Path, name: str, scene: Scene) -> None:
+    from pxr import Sdf, UsdGeom, Vt
+
+    # What single precision leaves without an area is refused here, not when it is read.
+    scene = Scene(vertices=scene.vertices.astype(np.float32), faces=scene.faces, impedance=scene.impedance)
+    mesh = UsdGeom.Mesh.Define(stage, _free_path(stage, parent, name))
+    points = scene.vertices.astype(np.float32)
+    mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(points))
+    mesh.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(scene.faces), 3, dtype=np.int32)))
+    mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(scene.faces.ravel()))
+    mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
+    mesh.CreateExtentAttr(_extent(points))
+    first = float(scene.impedance[0])
+    is_object = (scene.impedance != np.float32(SAND)).astype(np.int32)
+    if (scene.impedance == first).all():
+        mesh.CreateDisplayColorAttr([_OBJECT_COLOUR if is_object[0] else _SAND_COLOUR])
+        mesh.GetPrim().CreateAttribute(IMPEDANCE_ATTRIBUTE, Sdf.ValueTypeNames.Float).Set(first)
+        return
+    colour = mesh.CreateDisplayColorPrimvar(UsdGeom.Tokens.uniform)
+    colour.Set([_SAND_COLOUR, _OBJECT_COLOUR])
+    colour.SetIndices(Vt.IntArray.FromNumpy(is_object))
+    primvar = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar(
+        IMPEDANCE_PRIMVAR.removeprefix("primvars:"), Sdf.ValueTypeNames.FloatArray, UsdGeom.Tokens.uniform
+    )
+    primvar.Set(Vt.FloatArray.FromNumpy(scene.impedance))
+
+
+def _add_curves(
+    stage: Usd.Stage, path: Sdf.Path, lines: Sequence[np.ndarray], colour: tuple[float, float, float]
+) -> None:
+    """Polylines 1 cm wide."""
+    from pxr import UsdGeom, Vt
+
+    curves = UsdGeom.BasisCurves.Define(stage, path)
+    points = np.concatenate(lines).astype(np.float32)
+    curves.CreateTypeAttr(UsdGeom.Tokens.linear)
+    curves.CreateCurveVertexCountsAttr([len(line) for line in lines])
+    curves.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(points))
+    curves.CreateWidthsAttr([0.01])
+    curves.SetWidthsInterpolation(UsdGeom.Tokens.constant)
+    curves.CreateExtentAttr(_extent(points, 0.005))
+    curves.CreateDisplayColorAttr([colour])
+
+
+def _extent(points: np.ndarray, margin: float = 0.0) -> list[list[float]]:
+    return [(points.min(axis=0) - margin).tolist(), (points.max(axis=0) + margin).tolist()]
+
+
+def _add_still(stage: Usd.Stage, path: Sdf.Path, pose: np.ndarray) -> None:
+    """A frame at ``pose`` [7]."""
+    from pxr import Gf, UsdGeom
+
+    frame = UsdGeom.Xform.Define(stage, path)
+    frame.AddTranslateOp(UsdGeom.XformOp.PrecisionDouble).Set(Gf.Vec3d(*pose[:3].tolist()))
+    frame.AddOrientOp(UsdGeom.XformOp.PrecisionDouble).Set(_quaternion(pose))
+
+
+def _add_moving(stage: Usd.Stage, path: Sdf.Path, trajectory: Trajectory) -> UsdGeom.Xform:
+    """A frame with a time sample at every pose."""
+    from pxr import Gf, UsdGeom
+
+    frame = UsdGeom.Xform.Define(stage, path)
+    translate = frame.AddTranslateOp(UsdGeom.XformOp.PrecisionDouble)
+    orient = frame.AddOrientOp(UsdGeom.XformOp.PrecisionDouble)
+    for time, pose in zip(trajectory.times.tolist(), trajectory.poses, strict=True):
+        translate.Set(Gf.Vec3d(*pose[:3].tolist()), time * TIME_CODES_PER_SECOND)
+        orient.Set(_quaternion(pose), time * TIME_CODES_PER_SECOND)
+    return frame
+
+
+def _quaternion(pose: np.ndarray) -> Gf.Quatd:
+    from pxr import Gf
+
+    x, y, z, w = pose[3:].tolist()
+    return Gf.Quatd(w, x, y, z)
+
+
+def _exported(stage: Usd.Stage, path: Path) -> bool:
+    from pxr import Tf
+
+    try:
+        return stage.GetRootLayer().Export(str(path))
+    except Tf.ErrorException:
+        return False
+
+
+def _save(stage: Usd.Stage, path: Path) -> None:
+    """Write to a file beside ``path`` first, so that a failure leaves what was there."""
+    if path.suffix not in (".usda", ".usdc", ".usd"):
+        raise ValueError(f"path: {path}, must end in .usda, .usdc or .usd")
+    if not path.parent.is_dir():
+        raise FileNotFoundError(errno.ENOENT, "no such folder", str(path.parent))
+    draft = path.with_name(f".{uuid.uuid4().hex}{path.suffix}")
+    try:
+        # OpenUSD makes folders that are missing, and says little about why it cannot write: Python says it here.
+        draft.touch()
+        if path.suffix == ".usda":
+            draft.write_text(stage.GetRootLayer().ExportToString())
+        elif not _exported(stage, draft):
+            raise OSError(errno.EIO, "cannot be written in full, is the disk full?")
+        draft.replace(path)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from error
+    finally:
+        draft.unlink(missing_ok=True)

@@ -1,0 +1,293 @@
+"""Settings survive TOML to the bit, explain themselves, and are refused by file, key, value and bound."""
+
+import dataclasses
+import math
+import random
+import tomllib
+import typing
+
+import numpy as np
+import pytest
+import tomlkit
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from sonarwarp import FLS, NO_NOISE, PRESETS, PS, Mount, Noise, ReconstructionSettings, Rig
+from sonarwarp.sonar import uniform_edges
+from sonarwarp.toml_settings import (
+    parse_noise,
+    parse_rig,
+    parse_settings,
+    read_configuration,
+    read_noise,
+    read_rig,
+    read_settings,
+)
+from sonarwarp.toml_text import field_comments, preset_text, toml_text
+from tests.attempts import attempt
+
+FUZZ = settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+
+FIELD = preset_text("paper field")
+
+
+def same(one: typing.Any, other: typing.Any) -> bool:
+    """Equal to the bit, arrays included."""
+    if dataclasses.is_dataclass(one):
+        names = [field.name for field in dataclasses.fields(one)]
+        return type(one) is type(other) and all(same(getattr(one, name), getattr(other, name)) for name in names)
+    if isinstance(one, np.ndarray):
+        return np.array_equal(one, other)
+    return type(one) is type(other) and one == other
+
+
+def leaves(table: dict, *path: str) -> list[tuple[str, ...]]:
+    """Paths of all keys that are no tables."""
+    found = []
+    for key, value in table.items():
+        found += leaves(value, *path, key) if isinstance(value, dict) else [(*path, key)]
+    return found
+
+
+def changed(path: tuple[str, ...], value: typing.Any) -> str:
+    """The field test's preset with one value replaced."""
+    document = tomllib.loads(FIELD)
+    table = document
+    for key in path[:-1]:
+        table = table[key]
+    table[path[-1]] = value
+    return tomlkit.dumps(document)
+
+
+LEAVES = leaves(tomllib.loads(FIELD))
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_a_preset_survives_its_text(tmp_path, name):
+    path = tmp_path / "preset.toml"
+    path.write_text(preset_text(name))
+    read = read_configuration(path)
+    assert same(read.rig, PRESETS[name])
+    assert same(read.noise, Noise() if name == "paper field" else NO_NOISE)
+    assert same(read.reconstruction, ReconstructionSettings())
+    assert same(read_rig(path), read.rig)
+    assert same(read_noise(path), read.noise)
+    assert same(read_settings(path), read.reconstruction)
+
+
+def test_a_preset_has_every_field_with_its_docstring_and_default():
+    table = tomllib.loads(FIELD)
+    comments = " ".join(line.removeprefix("#").strip() for line in FIELD.splitlines() if line.startswith("#"))
+    nested = table["reconstruction"]
+    for cls, keys in (
+        (PS, table["ps"]),
+        (Mount, table["fls_mount"]),
+        (Noise, table["noise"]),
+        (ReconstructionSettings, nested),
+        *((type(getattr(ReconstructionSettings(), key)), nested[key]) for key in ("detection", "mixture")),
+    ):
+        for name, comment in field_comments(cls).items():
+            assert name in keys or name == "range_edge" or not comment
+            assert comment.replace("None for", '"none" for') in comments
+    assert FIELD.count("# Default: ") + FIELD.count(" Default: ") >= len(LEAVES)
+    assert "# Frames per second [Hz]. Paper.\n# Default: 10.0.\nrate = 10.0\n" in FIELD
+    assert max(len(line) for line in FIELD.splitlines()) <= 100
+
+
+def test_equal_steps_and_written_edges_say_the_same():
+    text = toml_text(rig=Rig())
+    assert "beams = 96\n" in text
+    assert "window_length = 5.0\n" in text
+    document = tomllib.loads(text)
+    for key in ("beams", "field_of_view_deg", "bins", "window_start", "window_length"):
+        del document["fls"][key]
+    document["fls"]["azimuth_edge"] = Rig().fls.azimuth_edge.tolist()
+    document["fls"]["range_edge"] = Rig().fls.range_edge.tolist()
+    assert same(parse_rig(tomlkit.dumps(document), "rig"), Rig())
+
+
+def test_what_is_left_out_keeps_its_default():
+    rig = parse_rig("[fls]\nbins = 256\n", "rig")
+    assert same(rig, Rig(fls=FLS(range_edge=uniform_edges(0.42, 5.42, 256))))
+    assert rig.ps_mount.roll_deg == 90.0
+    assert parse_noise("[noise]\nspeckle = false\n", "noise") == Noise(speckle=False)
+    assert parse_noise('[noise]\nbackground_db = "none"\n', "noise").background_db is None
+    assert same(parse_settings("[reconstruction]\n", "settings"), ReconstructionSettings())
+    assert parse_settings("[reconstruction.mixture]\ndeviation = 1\n", "settings").mixture.deviation == 1.0
+
+
+edges = st.lists(st.floats(0.011, 1e3), min_size=2, max_size=6, unique=True).map(sorted)
+angles = st.lists(st.floats(-1.57, 1.57), min_size=2, max_size=6, unique=True).map(sorted)
+degrees = st.floats(-180.0, 180.0)
+mounts = st.builds(
+    Mount,
+    position=st.tuples(*[st.floats(-50.0, 50.0)] * 3),
+    tilt_deg=degrees,
+    roll_deg=degrees,
+    pan_deg=degrees,
+)
+
+
+@FUZZ
+@given(
+    fls=st.builds(FLS, azimuth_edge=angles, range_edge=edges, cone=st.booleans(), gain_db=st.floats(-200, 200)),
+    ps=st.builds(PS, range_edge=edges, step_deg=st.floats(0.01, 60.0), strips=st.integers(1, 256)),
+    fls_mount=mounts,
+    ps_mount=mounts,
+)
+def test_any_rig_survives_its_text(fls, ps, fls_mount, ps_mount):
+    rig = Rig(fls=fls, ps=ps, fls_mount=fls_mount, ps_mount=ps_mount)
+    assert same(parse_rig(toml_text(rig=rig), "rig"), rig)
+
+
+@FUZZ
+@given(beams=st.integers(1, 200), width=st.floats(0.1, 170.0), bins=st.integers(1, 200), length=st.floats(0.01, 100.0))
+def test_any_equal_steps_survive_their_text(beams, width, bins, length):
+    fls = f"[fls]\nbeams = {beams}\nfield_of_view_deg = {width}\nbins = {bins}\nwindow_length = {length}\n"
+    rig = parse_rig(fls, "rig")
+    assert (rig.fls.beams, rig.fls.bins) == (beams, bins)
+    assert math.isclose(math.degrees(rig.fls.azimuth_edge[-1]), width / 2, rel_tol=1e-12)
+    assert same(parse_rig(toml_text(rig=rig), "rig"), rig)
+
+
+WRONG_TYPES = {
+    "a word": "fast",
+    "a truth": True,
+    "a number": 12.5,
+    "an array": [1.0, "x"],
+    "a table": {"x": 1},
+    "a date": tomllib.loads("x = 1979-05-27")["x"],
+}
+
+
+@pytest.mark.parametrize("kind", WRONG_TYPES)
+def test_every_value_of_a_wrong_type_is_refused_by_name(tmp_path, kind):
+    path = tmp_path / "rig.toml"
+    sound = tomllib.loads(FIELD)
+    refused = 0
+    for leaf in LEAVES:
+        value: typing.Any = sound
+        for key in leaf:
+            value = value[key]
+        wrong = WRONG_TYPES[kind]
+        number = isinstance(wrong, float) and isinstance(value, float)
+        if number or (isinstance(wrong, bool) and isinstance(value, bool)):
+            continue
+        path.write_text(changed(leaf, wrong))
+        with pytest.raises(ValueError, match=r"must be ") as refusal:
+            read_configuration(path)
+        assert str(refusal.value).startswith(f"{path}: {'.'.join(leaf)}: ")
+        assert len(str(refusal.value).splitlines()) == 1
+        refused += 1
+    assert refused > 15
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 1e200, -1e200, 2**80, -(2**63) + 1])
+def test_every_number_out_of_range_is_refused_by_name(tmp_path, value):
+    path = tmp_path / "rig.toml"
+    sound = tomllib.loads(FIELD)
+    refused = 0
+    for leaf in LEAVES:
+        old: typing.Any = sound
+        for key in leaf:
+            old = old[key]
+        if isinstance(old, bool | str):
+            continue
+        wrong = [0.0, value, 0.0] if isinstance(old, list) else value
+        path.write_text(changed(leaf, wrong))
+        with pytest.raises(ValueError, match=r"rig\.toml: ") as refusal:
+            read_configuration(path)
+        # The sum of the mixture's weights and the first borders of a fan go by other names.
+        assert ".".join(leaf[:-1]) in str(refusal.value)
+        assert len(str(refusal.value).splitlines()) == 1
+        refused += 1
+    assert refused > 40
+
+
+def test_every_misspelt_key_is_answered_with_the_right_one():
+    document = tomllib.loads(FIELD)
+    for leaf in LEAVES:
+        wrong = leaf[-1][:-1] + leaf[-1][-1] * 2
+        with pytest.raises(ValueError, match=r"unknown, did you mean") as refusal:
+            parse_all(changed((*leaf[:-1], wrong), 1))
+        assert str(refusal.value) == f"rig: {'.'.join((*leaf[:-1], wrong))}: unknown, did you mean '{leaf[-1]}'?"
+    with pytest.raises(ValueError, match=r"rig: fsl: unknown, did you mean 'fls'\?"):
+        parse_rig("[fsl]\n", "rig")
+    with pytest.raises(ValueError, match=r"rig: fls\.q: unknown, must be one of beams, field_of_view_deg, azimuth"):
+        parse_rig("[fls]\nq = 1\n", "rig")
+    assert "reconstruction" in document
+
+
+def parse_all(text: str) -> tuple:
+    return parse_rig(text, "rig"), parse_noise(text, "rig"), parse_settings(text, "rig")
+
+
+REFUSED = {
+    "both ways of edges": (
+        "[fls]\nbeams = 2\nazimuth_edge = [0, 0.1]",
+        r"rig: fls\.azimuth_edge: given together with beams, must be one or the other",
+    ),
+    "edges that go back": ("[ps]\nrange_edge = [1, 3, 2]", r"rig: ps\.range_edge: 2 follows 3, must ascend"),
+    "one edge": ("[ps]\nrange_edge = [1]", r"rig: ps\.range_edge: expected one axis of at least 2 values"),
+    "no edge": ("[ps]\nrange_edge = []", r"rig: ps\.range_edge: expected one axis of at least 2 values"),
+    "no beams": ("[fls]\nbeams = 0", r"rig: fls\.beams: 0 is outside \[1, 65536\]"),
+    "beams by the million": ("[fls]\nbeams = 1000000", r"rig: fls\.beams: 1e\+06 is outside"),
+    "half a bin": ("[ps]\nbins = 0.5", r"rig: ps\.bins: 0\.5, must be a whole number"),
+    "a window of no length": ("[ps]\nwindow_length = 0", r"rig: ps\.window_length: 0 is outside"),
+    "two thirds of a place": ("[fls_mount]\nposition = [0, 1]", r"position: \[0, 1\], must be an array of 3 numbers"),
+    "a table as a value": ("fls = 3", r"rig: fls: 3, must be a table \[fls\]"),
+    "an array of tables": ("[[fls]]\nrate = 1", r"rig: fls: \[\{'rate': 1\}\], must be a table"),
+    "no rig": ("[noise]", r"rig: no table \[fls\]; add it, or print one with `sonarwarp preset`"),
+    "nothing": ("", r"rig: no table \[fls\]"),
+    "no TOML": ("fls: 3", r"rig: not TOML: "),
+    "a key twice": ("[fls]\nrate = 1\nrate = 2", r"rig: not TOML: Cannot overwrite a value"),
+    "arrays without end": ("x = " + "[" * 5000, r"rig: not TOML that can be read: maximum recursion"),
+    "a number without end": ("x = " + "1" * 5000, r"rig: not TOML that can be read: Exceeds the limit"),
+    "a key of two lines": ('"a\\nb" = 1', r"rig: 'a\\nb': unknown, must be one of fls, ps"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_a_careless_rig_is_refused_with_its_bound(case):
+    text, message = REFUSED[case]
+    with pytest.raises(ValueError, match=message) as refusal:
+        parse_rig(text, "rig")
+    assert len(str(refusal.value).splitlines()) == 1
+
+
+def test_other_refusals_say_where_they_come_from(tmp_path):
+    with pytest.raises(ValueError, match=r"none\.toml: No such file or directory, must be a readable TOML file"):
+        read_rig(tmp_path / "none.toml")
+    with pytest.raises(ValueError, match=r": Is a directory, must be a readable TOML file"):
+        read_noise(tmp_path)
+    (tmp_path / "latin.toml").write_bytes(b"# caf\xe9")
+    with pytest.raises(ValueError, match=r"latin\.toml: byte 5 is not UTF-8"):
+        read_settings(tmp_path / "latin.toml")
+    with pytest.raises(ValueError, match=r"preset: 'paper filed', did you mean 'paper field'\?"):
+        preset_text("paper filed")
+    with pytest.raises(ValueError, match=r"n: reconstruction\.mixture weights: sum to 1\.1, must sum to 1"):
+        parse_settings("[reconstruction.mixture]\nweight_hit = 1.0\n", "n")
+    with pytest.raises(ValueError, match=r"n: reconstruction\.detection\.edge: 'first', must be one of 'nearest', "):
+        parse_settings('[reconstruction.detection]\nedge = "first"\n', "n")
+
+
+LINES = FIELD.splitlines(keepends=True)
+
+
+@FUZZ
+@given(seed=st.integers(0, 2**32), noise=st.none() | st.text(max_size=60))
+def test_a_mutated_file_is_read_or_refused_in_one_line(tmp_path, seed, noise):
+    path = tmp_path / "rig.toml"
+    rng = random.Random(seed)
+    lines = [line for line in LINES if "=" in line or line.startswith("[")]
+    for _ in range(rng.randint(1, 3)):
+        at = rng.randrange(len(lines))
+        start = rng.randrange(len(lines[at]))
+        piece = rng.choice(["", "-", "e9", "nan", "[", "]", '"', "=", "\n", "1_0", "0x", ".", "'''", "7" * 40, "\x00"])
+        lines[at] = lines[at][:start] + piece + lines[at][start + rng.randint(0, 3) :]
+    path.write_text("".join(lines) if noise is None else noise, encoding="utf-8", errors="replace")
+    read, message = attempt(read_configuration, path)
+    if message is None:
+        assert read.rig.fls.beams >= 1
+    else:
+        assert message.startswith(str(path))
