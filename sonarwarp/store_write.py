@@ -164,7 +164,9 @@ class _Rows:
         count = len(values) if values.ndim else 0
         check_amplitudes(name, values, (count, *self._chunk.shape[1:]))
         if self.taken + count > self.planned:
-            raise ValueError(f"{name}: {self.taken + count} with those before, must be the {self.planned} planned")
+            raise ValueError(
+                f"{name}: {self.taken + count} with those before, must be at most the {self.planned} planned"
+            )
 
     def take(self, values: np.ndarray) -> int:
         """Hold the first of some rows, as many as the chunk has room for; their number."""

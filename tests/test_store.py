@@ -1,7 +1,7 @@
 """Logs on disk: they come back to the bit, stream, and open with xarray alone."""
 
 import tracemalloc
-import warnings
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -18,11 +18,10 @@ from sonarwarp.store_values import beam_rotation, vehicle_attitude
 from sonarwarp.store_write import StoreWriter, log_to_store
 from sonarwarp.truth import first_contacts
 from tests import small_runs
-from tests.small_logs import CHUNK, RIG, same_survey, small_log, small_survey
+from tests.small_logs import CHUNK, same_survey, small_log, small_survey
 
-# Rounds of eight frames of the small runs' rig.
-FEW = 8 * RIG.fls.beams * RIG.fls.bins * 16
-FEW_OF_RUN = 8 * small_runs.RIG.fls.beams * small_runs.RIG.fls.bins * 16
+FEW = 8 * small_runs.RIG.fls.beams * small_runs.RIG.fls.bins * 16
+"""Bytes of a round of eight frames of the small runs."""
 
 
 def test_a_log_comes_back_to_the_bit(tmp_path):
@@ -184,7 +183,7 @@ def test_a_simulation_to_disk_is_the_one_in_memory(tmp_path, device):
         seed=5,
         truth=True,
         device=device,
-        memory=FEW_OF_RUN,
+        memory=FEW,
         advance=brought.append,
     )
     stored = open_log(tmp_path / "run.zarr")
@@ -203,7 +202,7 @@ def test_a_simulation_to_disk_is_the_one_in_memory(tmp_path, device):
 
 def test_runs_of_a_batch_are_written_in_order_of_time_and_reconstruct_alike(tmp_path, device):
     scene, runs = small_runs.scene(), [small_runs.run(), small_runs.run(start_x=-3.0)]
-    simulate_to_store(small_runs.RIG, scene, runs, tmp_path / "run.zarr", device=device, memory=FEW_OF_RUN)
+    simulate_to_store(small_runs.RIG, scene, runs, tmp_path / "run.zarr", device=device, memory=FEW)
     stored = open_log(tmp_path / "run.zarr")
     log = sw.simulate(small_runs.RIG, scene, runs, device=device)
     place = np.lexsort([stored.survey.frames.number, stored.survey.frames.trajectory])
@@ -219,7 +218,7 @@ def test_a_log_on_disk_reconstructs_to_the_same_bits(tmp_path, device):
     log = sw.simulate(small_runs.RIG, small_runs.scene(), small_runs.run(), device=device)
     log_to_store(log, tmp_path / "run.zarr")
     clouds = [
-        sw.reconstruct(one, settings=small_runs.SETTINGS, device=device, memory=FEW_OF_RUN)
+        sw.reconstruct(one, settings=small_runs.SETTINGS, device=device, memory=FEW)
         for one in (log, open_log(tmp_path / "run.zarr"))
     ]
     assert len(clouds[0].fused) > 50
@@ -232,7 +231,7 @@ def test_navigation_and_truth_are_kept_apart(tmp_path, device):
         small_runs.RIG, [small_runs.run()], motion=Motion(), navigation=Navigation(), seed=1
     )
     path = tmp_path / "run.zarr"
-    survey_to_store(true, [small_runs.scene()], path, believed=believed, device=device, memory=FEW_OF_RUN)
+    survey_to_store(true, [small_runs.scene()], path, believed=believed, device=device, memory=FEW)
     stored = open_log(path)
     assert same_survey(stored.survey, believed)
     assert stored.true_survey is not None
@@ -241,10 +240,6 @@ def test_navigation_and_truth_are_kept_apart(tmp_path, device):
     assert not np.array_equal(stored.survey.frames.pose, stored.true_survey.frames.pose)
     with pytest.raises(StoreError, match=r"no first contacts, simulate it with truth"):
         stored.contacts_of(np.arange(2))
-
-
-def wrong_image(change):
-    return change(small_log().images[:2].copy())
 
 
 def poked(image):
@@ -263,7 +258,10 @@ WRONG_IMAGES = {
     "a number": (lambda image: image[0, 0, 0], r"images: expected shape \(0, 4, 8\), got \(\)"),
     "a word": (lambda image: "image", r"images: expected shape \(0, 4, 8\), got \(\)"),
     "NaN": (poked, r"images: holds values that are not finite"),
-    "too many": (lambda image: np.repeat(image, 80, axis=0), r"images: 160 with those before, must be the 150 planned"),
+    "too many": (
+        lambda image: np.repeat(image, 80, axis=0),
+        r"images: 230 with those before, must be at most the 150 planned",
+    ),
 }
 
 
@@ -335,8 +333,6 @@ def test_nothing_is_overwritten_unasked_and_only_a_log_at_all(tmp_path):
 
 
 def test_times_that_are_no_time_stamps_are_refused(tmp_path):
-    from dataclasses import replace
-
     survey = small_survey()
     survey = replace(survey, frames=replace(survey.frames, time=survey.frames.time + 1.4e18 * np.arange(1, 151)))
     with pytest.raises(StoreError, match=r"survey\.frames\.time: 2\.1e\+20 s, must be within 9\.2e\+09 s"):
@@ -344,8 +340,6 @@ def test_times_that_are_no_time_stamps_are_refused(tmp_path):
 
 
 def test_a_log_of_nothing_is_a_log(tmp_path):
-    from dataclasses import fields, replace
-
     survey = small_survey()
     none = {
         rows: replace(old, **{column.name: getattr(old, column.name)[:0] for column in fields(old)})
@@ -388,12 +382,12 @@ def peak_of_reading(path):
 
 def test_memory_is_bounded_by_the_chunk_and_not_by_the_log(tmp_path):
     chunk = 64 * 96 * 256 * 4 / 2**20
-    with warnings.catch_warnings():
-        written = [peak_of_writing(tmp_path / f"{frames}.zarr", frames) for frames in (320, 960)]
-        read = [peak_of_reading(tmp_path / f"{frames}.zarr") for frames in (320, 960)]
+    peak_of_writing(tmp_path / "first.zarr", 10)  # what modules take as they load is no part of it
+    written = [peak_of_writing(tmp_path / f"{frames}.zarr", frames) for frames in (320, 960)]
+    read = [peak_of_reading(tmp_path / f"{frames}.zarr") for frames in (320, 960)]
     assert chunk * 960 / 64 > 85.0
     # The chunk held, its copies on the way through zarr, and what the codec makes of them; of reading four kept.
-    assert max(written) < 6 * chunk
-    assert max(read) < 9 * chunk
+    assert max(written) < 4 * chunk
+    assert max(read) < 7 * chunk
     assert written[1] < written[0] + 0.5 * chunk
     assert read[1] < read[0] + 0.5 * chunk

@@ -192,19 +192,31 @@ class _Reader:
 
     def _instances(self, instancer: UsdGeom.PointInstancer, place: _Place, within: tuple[Sdf.Path, ...]) -> list[Part]:
         """Meshes of a point instancer's prototypes, each with its copies."""
+        from pxr import UsdGeom
+
         path = instancer.GetPath()
         if path in within:
             raise ValueError(f"{path}: prototypes: hold the instancer itself, must not")
         targets = instancer.GetPrototypesRel().GetForwardedTargets()
         index = integers(instancer.GetProtoIndicesAttr(), self._time)
         check_indices(f"{path}: protoIndices", index, len(targets))
+        for attribute in (
+            instancer.GetPositionsAttr(),
+            instancer.GetOrientationsAttr(),
+            instancer.GetOrientationsfAttr(),
+            instancer.GetScalesAttr(),
+            instancer.GetIdsAttr(),
+        ):
+            given = np.shape(attribute.Get(self._time) or [])[:1]
+            is_needed = attribute.GetName() == UsdGeom.Tokens.positions
+            if given != (len(index),) and (is_needed or given != (0,)):
+                raise ValueError(
+                    f"{path}: {attribute.GetName()}: {sum(given)} entries, must be the {len(index)} of protoIndices"
+                )
         shown = np.array(instancer.ComputeMaskAtTime(self._time) or np.ones(len(index)), dtype=bool)
         matrices = np.array(instancer.ComputeInstanceTransformsAtTime(self._time, self._time)).reshape(-1, 4, 4)
         if len(shown) != len(index) or len(matrices) != np.count_nonzero(shown):
-            raise ValueError(
-                f"{path}: {len(matrices)} transforms for {len(index)} protoIndices: "
-                "positions, orientations, scales and ids must be as many as these"
-            )
+            raise ValueError(f"{path}: {len(matrices)} transforms for {len(index)} protoIndices, must be as many")
         index, matrices = index[shown], matrices @ place.matrix
         parts = []
         for prototype in np.unique(index):

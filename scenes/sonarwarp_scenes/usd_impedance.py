@@ -114,7 +114,7 @@ def _answer(prim: Usd.Prim, name: str, value: object) -> Answer:
     try:
         impedance = float(value)  # pyright: ignore[reportArgumentType]
     except (TypeError, ValueError):
-        raise ValueError(f"{place}: {value!r}, must be one number [rayl]") from None
+        raise ValueError(f"{place}: {value}, must be one number [rayl]") from None
     check_impedance(place, impedance)
     return Answer(impedance, f"{name} of {prim.GetPath()}")
 

@@ -44,5 +44,5 @@ def _array(attribute: Usd.Attribute, time: Usd.TimeCode, kinds: str, entry: tupl
     if values.dtype.kind not in kinds or values.shape[1:] != entry or values.ndim == 0:
         wanted = "vectors" if entry else "whole numbers"
         place = f"{attribute.GetPrim().GetPath()}: {attribute.GetName()}"
-        raise ValueError(f"{place}: of type {attribute.GetTypeName()}, must be a list of {wanted}")
+        raise ValueError(f"{place}: a {type(value).__name__}, must be a list of {wanted}")
     return values

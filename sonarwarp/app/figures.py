@@ -26,6 +26,7 @@ _TITLE = 0.4
 _HALF = 6.9
 _RIGHT = _WIDTH - 0.3 - _HALF
 _CLOUD = 4.6
+_LEGEND = 0.8
 
 # Shown round an object, in its heights: before its front, behind its back, under the seabed, over its top.
 _MARGIN = (1.4, 0.5, 0.15, 0.4)
@@ -162,7 +163,9 @@ def _section_window(placed: PlacedObject) -> tuple[tuple[float, float], tuple[fl
     """Spans of x and z shown round an object [m]."""
     height = placed.shape.height
     before, behind, under, over = (height * margin for margin in _MARGIN)
-    return (placed.front_x - before, placed.back_x + behind), (-under, height + over)
+    x_span = (placed.front_x - before, placed.back_x + behind)
+    over = max(over, _LEGEND * (x_span[1] - x_span[0]) / _HALF)
+    return x_span, (-under, height + over)
 
 
 def _objects_box(objects: tuple[PlacedObject, ...]) -> np.ndarray:

@@ -1,0 +1,225 @@
+"""A damaged log is refused in one line or read as it was: never another exception, never other data."""
+
+import json
+import random
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from sonarwarp.store import VERSION_ATTRIBUTE, StoreError
+from sonarwarp.store_read import open_log
+from sonarwarp.store_write import StoreWriter
+from sonarwarp.truth import FirstContacts
+from tests.attempts import attempt
+from tests.small_logs import same_survey, small_log
+
+LOG = small_log()
+FRAMES, PINGS = len(LOG.images), len(LOG.echoes)
+CONTACTS = FirstContacts(
+    **{name: LOG.images[:, :, place] for place, name in enumerate(("range", "azimuth", "elevation"))},
+    face=np.arange(FRAMES * 4, dtype=np.int32).reshape(FRAMES, 4),
+)
+
+
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory):
+    """A whole log with truth."""
+    path = tmp_path_factory.mktemp("sound") / "run.zarr"
+    with StoreWriter(path, LOG.survey, truth=LOG.survey, contacts=True) as writer:
+        writer.append(LOG.images, LOG.echoes, CONTACTS)
+    return path
+
+
+@pytest.fixture
+def path(sound, tmp_path):
+    """A copy to damage."""
+    return shutil.copytree(sound, tmp_path / "run.zarr")
+
+
+def read_all(path):
+    """Everything that a log holds."""
+    stored = open_log(path)
+    loaded = stored.load()
+    rows = np.arange(len(loaded.images))
+    return stored, loaded, stored.contacts_of(rows) if stored.has_contacts else None
+
+
+def is_sound_or_refused(path: Path) -> str | None:
+    """Message of the refusal, if any; otherwise whatever was read is what was written."""
+    read, message = attempt(read_all, path)
+    if message is not None:
+        assert str(path) in message
+        assert "; " in message  # the way out
+        return message
+    stored, loaded, contacts = read
+    frames, pings = len(loaded.images), len(loaded.echoes)
+    assert np.array_equal(loaded.images, LOG.images[:frames])
+    assert np.array_equal(loaded.echoes, LOG.echoes[:pings])
+    assert same_survey(stored.survey, LOG.survey, frames, pings)
+    assert stored.true_survey is None or same_survey(stored.true_survey, LOG.survey, frames, pings)
+    if contacts is not None:
+        assert np.array_equal(contacts.face, CONTACTS.face[:frames])
+        assert np.array_equal(contacts.range, CONTACTS.range[:frames])
+    return None
+
+
+def data_files(path: Path) -> list[Path]:
+    return sorted(file for file in path.rglob("*") if file.is_file() and file.name != "zarr.json")
+
+
+def read_files(path: Path) -> list[Path]:
+    """Chunks that a reader of ours needs; the others are for xarray only."""
+    derived = ("platform_", "rx_beam_", "beamwidth_", "transducer_", "fls/beam/", "azimuth/c", "/range/")
+    kept = [file for file in data_files(path) if not any(part in file.as_posix() for part in derived)]
+    return [*kept, *(file for file in data_files(path) if "first_contact" in file.as_posix() and file not in kept)]
+
+
+def test_the_sound_log_is_sound(path):
+    assert is_sound_or_refused(path) is None
+    assert len(data_files(path)) > 40
+
+
+def test_every_chunk_that_is_read_is_missed_cut_and_checked(path):
+    names = read_files(path)
+    assert len(names) > 25
+    for file in names:
+        whole = file.read_bytes()
+        flipped = bytearray(whole)
+        flipped[len(whole) // 2] ^= 4
+        for damage in (None, b"", whole[: len(whole) // 2], whole[:-1], whole + b"\0", bytes(flipped), b"\xff" * 99):
+            file.unlink()
+            if damage is not None:
+                file.write_bytes(damage)
+            message = is_sound_or_refused(path)
+            assert message, f"{file.relative_to(path)} as {damage!r:.20} was not noticed"
+            file.write_bytes(whole)
+    assert is_sound_or_refused(path) is None
+
+
+def test_every_metadata_file_is_missed_cut_and_garbled(path):
+    for file in sorted(path.rglob("zarr.json")):
+        whole = file.read_bytes()
+        rng = random.Random(len(whole))
+        damages: list[bytes | None] = [
+            None,
+            b"",
+            whole[: len(whole) // 2],
+            whole[:-3],
+            b"[]",
+            b"null",
+            b'"x"',
+            b"\xff\xfe",
+        ]
+        damages += [b"[" * 100000, b'{"zarr_format": 3, "node_type": "group", "attributes": {}}']
+        for _ in range(3):
+            flipped = bytearray(whole)
+            flipped[rng.randrange(len(whole))] ^= 1 << rng.randrange(8)
+            damages.append(bytes(flipped))
+        for damage in damages:
+            file.unlink()
+            if damage is not None:
+                file.write_bytes(damage)
+            is_sound_or_refused(path)
+            file.write_bytes(whole)
+    assert is_sound_or_refused(path) is None
+
+
+HOSTILE = (None, True, -1, 0, 7, 2**62, 10**30, 0.5, "", "x", [], [0], [-1, 4, 8], [10**15, 4, 8], {}, {"a": 1}, "NaN")
+
+
+def places(value, *path):
+    """Paths to every value inside nested JSON."""
+    found = [path] if path else []
+    if isinstance(value, dict | list):
+        items = value.items() if isinstance(value, dict) else enumerate(value)
+        for key, inner in items:
+            found += places(inner, *path, key)
+    return found
+
+
+@pytest.mark.parametrize("name", ["fls/backscatter_r", "fls/ping_time", "ps/head_angle", "truth/first_contact_face"])
+def test_every_entry_of_an_array_made_hostile_is_refused_or_harmless(path, name):
+    file = path / name / "zarr.json"
+    whole = file.read_text()
+    cases = 0
+    for place in places(json.loads(whole)):
+        if place[0] == "attributes" and len(place) > 1:
+            continue
+        for value in HOSTILE:
+            entry = document = json.loads(whole)
+            for key in place[:-1]:
+                entry = entry[key]
+            entry[place[-1]] = value
+            file.write_text(json.dumps(document))
+            is_sound_or_refused(path)
+            cases += 1
+    assert cases > 300
+
+
+@pytest.mark.parametrize("name", ["frames_complete", "pings_complete", "rig", "truth", "noise", "reconstruction"])
+def test_every_attribute_made_hostile_is_refused_or_harmless(path, name):
+    file = path / "zarr.json"
+    document = json.loads(file.read_text())
+    for value in HOSTILE:
+        document["attributes"][name] = value
+        file.write_text(json.dumps(document))
+        message = is_sound_or_refused(path)
+        if name.endswith("complete") and not (
+            isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= 7
+        ):
+            assert message is not None
+            assert f"{name}: {value!r}, must be a whole number from 0 to" in message
+    document["attributes"].pop(name)
+    file.write_text(json.dumps(document))
+    assert (is_sound_or_refused(path) is None) == (name in ("noise", "reconstruction"))
+
+
+def test_another_version_and_other_things_are_refused(path, tmp_path):
+    file = path / "zarr.json"
+    document = json.loads(file.read_text())
+    for version in (0, 2, "1", None, [1]):
+        document["attributes"][VERSION_ATTRIBUTE] = version
+        file.write_text(json.dumps(document))
+        with pytest.raises(StoreError, match=r"sonarwarp_log_version: .*, must be 1; read it with the sonarwarp that"):
+            open_log(path)
+    with pytest.raises(StoreError, match=r"none\.zarr: no such log, must be a folder that"):
+        open_log(tmp_path / "none.zarr")
+    (tmp_path / "file").write_text("words")
+    with pytest.raises(StoreError, match=r"file: no such log"):
+        open_log(tmp_path / "file")
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(StoreError, match=r"zarr\.json: cannot be read: No such file or directory; write the log anew"):
+        open_log(tmp_path / "empty")
+
+
+def test_another_rig_than_the_images_have_is_refused(path):
+    file = path / "zarr.json"
+    document = json.loads(file.read_text())
+    document["attributes"]["rig"] = "[fls]\n"
+    file.write_text(json.dumps(document))
+    with pytest.raises(StoreError, match=r"backscatter_r: shape \(150, 4, 8\), must be \(150, 96, 512\) for the rig"):
+        open_log(path)
+
+
+@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(seed=st.integers(0, 2**32))
+def test_any_damage_is_refused_or_harmless(path, seed):
+    rng = random.Random(seed)
+    files = [file for file in path.rglob("*") if file.is_file()]
+    chosen = rng.sample(files, rng.randint(1, 3))
+    whole = [file.read_bytes() for file in chosen]
+    for file in chosen:
+        changed = bytearray(file.read_bytes())
+        for _ in range(rng.randint(1, 3)):
+            at = rng.randrange(len(changed) + 1)
+            changed[at : at + rng.randint(0, 9)] = rng.choice(
+                [b"", rng.randbytes(5), b"0", b"-", b"}", b'"', b"9" * 30]
+            )
+        file.write_bytes(changed)
+    is_sound_or_refused(path)
+    for file, data in zip(chosen, whole, strict=True):
+        file.write_bytes(data)
