@@ -233,7 +233,8 @@ class _Arrays:
             raise StoreError(f"{path}: shape {shape}, must be {wanted} for the rig and the times; {_WAY_OUT}")
         if dtype != np.dtype(variable.dtype):
             raise StoreError(f"{path}: dtype {dtype}, must be {np.dtype(variable.dtype)}; {_WAY_OUT}")
-        if int(np.prod(chunks, dtype=object)) * dtype.itemsize > _LARGEST_CHUNK or chunks[1:] != wanted[1:]:
+        size = int(np.prod(chunks, dtype=object)) * dtype.itemsize
+        if size > _LARGEST_CHUNK or chunks[0] < 1 or chunks[1:] != wanted[1:]:
             raise StoreError(f"{path}: chunks of {chunks}, must be whole rows and at most 1 GiB; {_WAY_OUT}")
         return array
 

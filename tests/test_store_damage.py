@@ -67,26 +67,23 @@ def is_sound_or_refused(path: Path) -> str | None:
     return None
 
 
-def data_files(path: Path) -> list[Path]:
-    return sorted(file for file in path.rglob("*") if file.is_file() and file.name != "zarr.json")
-
-
-def read_files(path: Path) -> list[Path]:
-    """Chunks that a reader of ours needs; the others are for xarray only."""
-    derived = ("platform_", "rx_beam_", "beamwidth_", "transducer_", "fls/beam/", "azimuth/c", "/range/")
-    kept = [file for file in data_files(path) if not any(part in file.as_posix() for part in derived)]
-    return [*kept, *(file for file in data_files(path) if "first_contact" in file.as_posix() and file not in kept)]
+def files_read(path: Path, ending: str) -> list[Path]:
+    """Files that our reader needs, of chunks or metadata; what is derived for others is not read back."""
+    derived = ("platform_", "rx_beam_", "beamwidth_", "transducer_", "fls/beam/", "fls/azimuth/", "/range/")
+    files = sorted(
+        file for file in path.rglob("*") if file.is_file() and (file.name == "zarr.json") == (ending == "json")
+    )
+    return [file for file in files if not any(part in file.as_posix() for part in derived)]
 
 
 def test_the_sound_log_is_sound(path):
     assert is_sound_or_refused(path) is None
-    assert len(data_files(path)) > 40
 
 
 def test_every_chunk_that_is_read_is_missed_cut_and_checked(path):
-    names = read_files(path)
-    assert len(names) > 25
-    for file in names:
+    files = files_read(path, "chunk")
+    assert len(files) > 25
+    for file in files:
         whole = file.read_bytes()
         flipped = bytearray(whole)
         flipped[len(whole) // 2] ^= 4
@@ -101,21 +98,14 @@ def test_every_chunk_that_is_read_is_missed_cut_and_checked(path):
 
 
 def test_every_metadata_file_is_missed_cut_and_garbled(path):
-    for file in sorted(path.rglob("zarr.json")):
+    files = files_read(path, "json")
+    assert len(files) > 20
+    for file in files:
         whole = file.read_bytes()
         rng = random.Random(len(whole))
-        damages: list[bytes | None] = [
-            None,
-            b"",
-            whole[: len(whole) // 2],
-            whole[:-3],
-            b"[]",
-            b"null",
-            b'"x"',
-            b"\xff\xfe",
-        ]
-        damages += [b"[" * 100000, b'{"zarr_format": 3, "node_type": "group", "attributes": {}}']
-        for _ in range(3):
+        damages: list[bytes | None] = [None, b"", whole[:-3], b"[]", b"\xff\xfe", b"[" * 100000]
+        damages.append(b'{"zarr_format": 3, "node_type": "group", "attributes": {}}')
+        for _ in range(2):
             flipped = bytearray(whole)
             flipped[rng.randrange(len(whole))] ^= 1 << rng.randrange(8)
             damages.append(bytes(flipped))
@@ -141,23 +131,24 @@ def places(value, *path):
     return found
 
 
-@pytest.mark.parametrize("name", ["fls/backscatter_r", "fls/ping_time", "ps/head_angle", "truth/first_contact_face"])
-def test_every_entry_of_an_array_made_hostile_is_refused_or_harmless(path, name):
+ARRAYS = ("fls/backscatter_r", "fls/ping_time", "ps/head_angle", "truth/first_contact_face")
+
+
+@pytest.mark.parametrize("step", [11, pytest.param(1, marks=pytest.mark.nightly)])
+@pytest.mark.parametrize("name", ARRAYS)
+def test_every_entry_of_an_array_made_hostile_is_refused_or_harmless(path, name, step):
     file = path / name / "zarr.json"
     whole = file.read_text()
-    cases = 0
-    for place in places(json.loads(whole)):
-        if place[0] == "attributes" and len(place) > 1:
-            continue
-        for value in HOSTILE:
-            entry = document = json.loads(whole)
-            for key in place[:-1]:
-                entry = entry[key]
-            entry[place[-1]] = value
-            file.write_text(json.dumps(document))
-            is_sound_or_refused(path)
-            cases += 1
-    assert cases > 300
+    where = [place for place in places(json.loads(whole)) if place[0] != "attributes" or len(place) == 1]
+    cases = [(place, value) for place in where for value in HOSTILE]
+    assert len(cases) > 300
+    for place, value in cases[::step]:
+        entry = document = json.loads(whole)
+        for key in place[:-1]:
+            entry = entry[key]
+        entry[place[-1]] = value
+        file.write_text(json.dumps(document))
+        is_sound_or_refused(path)
 
 
 @pytest.mark.parametrize("name", ["frames_complete", "pings_complete", "rig", "truth", "noise", "reconstruction"])
@@ -205,7 +196,7 @@ def test_another_rig_than_the_images_have_is_refused(path):
         open_log(path)
 
 
-@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(deadline=None, max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(seed=st.integers(0, 2**32))
 def test_any_damage_is_refused_or_harmless(path, seed):
     rng = random.Random(seed)

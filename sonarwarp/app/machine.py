@@ -6,6 +6,7 @@ import importlib.metadata
 import os
 import platform
 import tempfile
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -71,11 +72,19 @@ def describe_device(name: str) -> dict[str, Any]:
     if device.is_cpu:
         return {
             "alias": device.alias,
-            "name": platform.processor() or platform.machine(),
+            "name": _processor(),
             "memory": _host_memory(),
             "threads": cpu_threads(),
         }
     return {"alias": device.alias, "name": device.name, "memory": device.total_memory, "threads": None}
+
+
+def _processor() -> str:
+    """Name of the processor; Linux tells it in a file only."""
+    facts = Path("/proc/cpuinfo")
+    lines = facts.read_text().splitlines() if facts.exists() else []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.processor() or platform.machine()
 
 
 def _host_memory() -> int | None:
