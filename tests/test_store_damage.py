@@ -67,12 +67,10 @@ def is_sound_or_refused(path: Path) -> str | None:
     return None
 
 
-def files_read(path: Path, ending: str) -> list[Path]:
-    """Files that our reader needs, of chunks or metadata; what is derived for others is not read back."""
+def files_read(path: Path, of_data: bool) -> list[Path]:
+    """Files of data or of metadata that our reader needs; what is derived for others is not read back."""
     derived = ("platform_", "rx_beam_", "beamwidth_", "transducer_", "fls/beam/", "fls/azimuth/", "/range/")
-    files = sorted(
-        file for file in path.rglob("*") if file.is_file() and (file.name == "zarr.json") == (ending == "json")
-    )
+    files = sorted(file for file in path.rglob("*") if file.is_file() and (file.name != "zarr.json") == of_data)
     return [file for file in files if not any(part in file.as_posix() for part in derived)]
 
 
@@ -81,7 +79,7 @@ def test_the_sound_log_is_sound(path):
 
 
 def test_every_chunk_that_is_read_is_missed_cut_and_checked(path):
-    files = files_read(path, "chunk")
+    files = files_read(path, of_data=True)
     assert len(files) > 25
     for file in files:
         whole = file.read_bytes()
@@ -98,7 +96,7 @@ def test_every_chunk_that_is_read_is_missed_cut_and_checked(path):
 
 
 def test_every_metadata_file_is_missed_cut_and_garbled(path):
-    files = files_read(path, "json")
+    files = files_read(path, of_data=False)
     assert len(files) > 20
     for file in files:
         whole = file.read_bytes()

@@ -785,7 +785,11 @@ def test_a_damaged_stage_is_read_or_refused_and_never_an_accident_of_ours(tmp_pa
     cases = 100
     run = subprocess.run(
         [sys.executable, "-c", DAMAGE, str(whole), str(cases)],
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(str(root / folder) for folder in (".", "kernels", "scenes"))},
+        env={
+            **os.environ,
+            "PXR_WORK_THREAD_LIMIT": "1",
+            "PYTHONPATH": os.pathsep.join(str(root / folder) for folder in (".", "kernels", "scenes")),
+        },
         capture_output=True,
         text=True,
         check=False,

@@ -56,6 +56,8 @@ class Told:
         Raises:
             ValueError: an impedance that is none.
         """
+        if prim.IsPseudoRoot():
+            return self
         return Told(stated=_stated_by(prim, time) or self.stated, named=_named_by(prim) or self.named)
 
 
