@@ -1,6 +1,7 @@
 """How good a cloud is, against the known scene; one definition for every method, over every emitted point."""
 
 from sonarwarp.metrics.calibration import CalibrationMetrics, evaluate_calibration
+from sonarwarp.metrics.evaluation import Evaluation, evaluate
 from sonarwarp.metrics.section import ObjectTruth, SectionMetrics, evaluate_section
 from sonarwarp.metrics.surface import (
     SonarView,
@@ -12,10 +13,12 @@ from sonarwarp.metrics.surface import (
 
 __all__ = [
     "CalibrationMetrics",
+    "Evaluation",
     "ObjectTruth",
     "SectionMetrics",
     "SonarView",
     "SurfaceMetrics",
+    "evaluate",
     "evaluate_calibration",
     "evaluate_section",
     "evaluate_surface",

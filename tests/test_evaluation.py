@@ -1,0 +1,80 @@
+"""All metrics of one run in one call."""
+
+import numpy as np
+import pytest
+
+import sonarwarp as sw
+from sonarwarp.metrics import ObjectTruth, SonarView, evaluate, sample_surface, visible_samples
+from sonarwarp.truth import first_contacts
+from sonarwarp_scenes import BRICK
+from tests.small_runs import RIG, SETTINGS, run, scene
+
+TRUTH = ObjectTruth(
+    name="brick",
+    front_x=0.0,
+    centre_y=0.0,
+    width=BRICK.width,
+    height=BRICK.height,
+    depth=BRICK.depth,
+    front_slope_deg=BRICK.front_slope_deg,
+    sectional_area=BRICK.sectional_area,
+    volume=BRICK.volume,
+)
+
+
+@pytest.fixture(scope="module", name="known")
+def known_fixture(device):
+    world, way = scene(), run(length=0.9)
+    log = sw.simulate(RIG, world, way, frames_from=1.0, device=device)
+    clouds = sw.reconstruct(log, settings=SETTINGS, device=device)
+    contacts = first_contacts(log.survey, [world], device=device)
+    samples = sample_surface(world.vertices, world.faces, 5000, 1)
+    seen = visible_samples(
+        world.vertices, world.faces, samples, SonarView.of(RIG.fls), [log.survey.frames.pose], device=device
+    )[0]
+    return {"clouds": clouds, "survey": log.survey, "contacts": contacts, "scene": world, "seen": samples[seen]}
+
+
+def test_one_call_gives_sections_distances_and_calibration(known, device):
+    found = evaluate(
+        known["clouds"].fused,
+        objects=[TRUTH],
+        scene=known["scene"],
+        seen=known["seen"],
+        survey=known["survey"],
+        contacts=known["contacts"],
+        device=device,
+    )
+    assert found.sections[0].area > 0.0
+    assert found.surface is not None
+    assert found.surface.accuracy_rms is not None
+    assert 0.0 < found.surface.accuracy_rms < 0.1
+    kinds = {row.kind: row for row in found.calibration}
+    assert {"front", "top"} & set(kinds)
+    assert sum(row.points for row in found.calibration) > 0.8 * len(known["clouds"].fused)
+
+
+def test_the_true_elevation_is_that_of_the_points_own_beam_and_frame(known, device):
+    """A posterior that is the truth itself covers always; shifted by five deviations, never."""
+    cloud, survey, contacts = known["clouds"].fused, known["survey"], known["contacts"]
+    rows = {int(number): row for row, number in enumerate(survey.frames.number)}
+    place = ([rows[int(number)] for number in cloud.attributes["frame"]], cloud.attributes["beam"])
+    for shift, coverage in ((0.0, 1.0), (0.05, 0.0)):
+        perfect = sw.PointCloud(
+            points=cloud.points,
+            attributes=cloud.attributes
+            | {
+                "elevation_mean": contacts.elevation[place] + shift,
+                "elevation_deviation": np.full(len(cloud), 0.01),
+            },
+        )
+        found = evaluate(perfect, scene=known["scene"], survey=survey, contacts=contacts, device=device)
+        assert {row.coverage for row in found.calibration} == {coverage}
+
+
+def test_what_is_missing_is_named(known):
+    with pytest.raises(ValueError, match="survey: None, is needed with contacts"):
+        evaluate(known["clouds"].fused, contacts=known["contacts"], scene=known["scene"])
+    with pytest.raises(ValueError, match=r"cloud\.attributes: no elevation_deviation, a fused cloud is needed"):
+        evaluate(known["clouds"].single, contacts=known["contacts"], scene=known["scene"], survey=known["survey"])
+    assert evaluate(known["clouds"].single) == evaluate(known["clouds"].fused)
