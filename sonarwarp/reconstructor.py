@@ -9,17 +9,17 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
+from sonarwarp import specs
 from sonarwarp.cloud import PointCloud
 from sonarwarp.field_box import plan_grid
 from sonarwarp.log import Log
 from sonarwarp.schedule import Schedule, frames_per_round, plan_schedule
 from sonarwarp.settings import ReconstructionSettings
 from sonarwarp.simulator import MEMORY, owner_keys, seabed_echo
-from sonarwarp.sonar import PS, Rig
+from sonarwarp.sonar import Rig
 from sonarwarp.survey import Survey
-from sonarwarp_kernels import critical, estimate, field, geometry, inverse, keys, particles, profile, roi, slots
+from sonarwarp_kernels import critical, estimate, field, geometry, keys, particles, profile, roi, slots
 from sonarwarp_kernels.launch import cpu_threads
-from sonarwarp_kernels.specs import Mixture
 
 QUALITIES = {0: "none", 1: "fallback", 2: "informed"}
 """Meaning of the clouds' attribute ``quality``."""
@@ -87,11 +87,11 @@ class Reconstructor:
         self._fan = self.rig.fls.fan(device)
         self._ps_edge = wp.array(self.rig.ps.range_edge, dtype=float, device=device)
         level = float(np.median(frames.altitude)) if len(frames) else 1.0
-        self._filter = _critical_filter(settings, self._seabed_level(level))
-        self._detector = _profile_detector(settings)
-        self._model = _profile_model(settings, self.rig.ps)
-        self._mixture = _mixture(settings)
-        self._reading = _reading(settings)
+        self._filter = specs.critical_filter(settings, self._seabed_level(level))
+        self._detector = specs.profile_detector(settings)
+        self._model = specs.profile_model(settings, self.rig.ps)
+        self._mixture = specs.mixture(settings)
+        self._reading = specs.reading(settings)
         self.grid = plan_grid(survey, settings.likelihood_field, device)
         self._round = wp.zeros(1, dtype=int, device=device)
         self._epoch = wp.zeros(1, dtype=int, device=device)
@@ -280,59 +280,6 @@ _COVARIANCE = (
     ("covariance_xz", 0, 2),
     ("covariance_yz", 1, 2),
 )
-
-
-def _critical_filter(settings: ReconstructionSettings, seabed_level: float) -> critical.CriticalFilter:
-    chosen = critical.CriticalFilter()
-    chosen.guard = settings.detection.guard
-    chosen.sigma = settings.detection.sigma
-    chosen.floor = seabed_level * 10.0 ** (settings.detection.floor_db / 20.0)
-    chosen.deviations = settings.detection.deviations
-    chosen.memory = settings.detection.memory
-    return chosen
-
-
-def _profile_detector(settings: ReconstructionSettings) -> profile.ProfileDetector:
-    chosen = profile.ProfileDetector()
-    chosen.relative = 10.0 ** (settings.detection.profile_relative_db / 20.0)
-    chosen.clearance = settings.detection.profile_clearance
-    chosen.gap = settings.detection.profile_gap
-    return chosen
-
-
-def _profile_model(settings: ReconstructionSettings, ps: PS) -> inverse.ProfileModel:
-    chosen = inverse.ProfileModel()
-    chosen.hit = settings.likelihood_field.hit
-    chosen.miss = settings.likelihood_field.miss
-    chosen.no_return = settings.likelihood_field.no_return
-    chosen.half_width = math.radians(ps.beamwidth_deg) / 2
-    chosen.half_fan = math.radians(ps.fan_beamwidth_deg) / 2
-    chosen.range_deviation = settings.likelihood_field.range_deviation
-    chosen.reach = float(ps.range_edge[-1])
-    return chosen
-
-
-def _mixture(settings: ReconstructionSettings) -> Mixture:
-    chosen = Mixture()
-    for name in (
-        "weight_hit",
-        "weight_short",
-        "weight_random",
-        "weight_seabed",
-        "deviation",
-        "rate_short",
-        "rate_seabed",
-    ):
-        setattr(chosen, name, getattr(settings.mixture, name))
-    return chosen
-
-
-def _reading(settings: ReconstructionSettings) -> particles.Reading:
-    chosen = particles.Reading()
-    chosen.low = settings.likelihood_field.low
-    chosen.high = settings.likelihood_field.high
-    chosen.informed = settings.likelihood_field.informed
-    return chosen
 
 
 def reconstruct(

@@ -1,0 +1,68 @@
+"""Settings as the structs that kernels read."""
+
+from __future__ import annotations
+
+import math
+
+from sonarwarp.settings import ReconstructionSettings
+from sonarwarp.sonar import PS
+from sonarwarp_kernels import critical, inverse, particles, profile
+from sonarwarp_kernels.specs import Mixture
+
+
+def critical_filter(settings: ReconstructionSettings, seabed_level: float) -> critical.CriticalFilter:
+    """Detection of critical points; ``seabed_level`` is the flat seabed's echo at r_emin."""
+    chosen = critical.CriticalFilter()
+    chosen.guard = settings.detection.guard
+    chosen.sigma = settings.detection.sigma
+    chosen.floor = seabed_level * 10.0 ** (settings.detection.floor_db / 20.0)
+    chosen.deviations = settings.detection.deviations
+    chosen.memory = settings.detection.memory
+    return chosen
+
+
+def profile_detector(settings: ReconstructionSettings) -> profile.ProfileDetector:
+    """Detection of the PS's footprints."""
+    chosen = profile.ProfileDetector()
+    chosen.relative = 10.0 ** (settings.detection.profile_relative_db / 20.0)
+    chosen.clearance = settings.detection.profile_clearance
+    chosen.gap = settings.detection.profile_gap
+    return chosen
+
+
+def profile_model(settings: ReconstructionSettings, ps: PS) -> inverse.ProfileModel:
+    """Inverse sensor model of a PS."""
+    chosen = inverse.ProfileModel()
+    chosen.hit = settings.likelihood_field.hit
+    chosen.miss = settings.likelihood_field.miss
+    chosen.no_return = settings.likelihood_field.no_return
+    chosen.half_width = math.radians(ps.beamwidth_deg) / 2
+    chosen.half_fan = math.radians(ps.fan_beamwidth_deg) / 2
+    chosen.range_deviation = settings.likelihood_field.range_deviation
+    chosen.reach = float(ps.range_edge[-1])
+    return chosen
+
+
+def mixture(settings: ReconstructionSettings) -> Mixture:
+    """Range likelihood of the FLS."""
+    chosen = Mixture()
+    for name in (
+        "weight_hit",
+        "weight_short",
+        "weight_random",
+        "weight_seabed",
+        "deviation",
+        "rate_short",
+        "rate_seabed",
+    ):
+        setattr(chosen, name, getattr(settings.mixture, name))
+    return chosen
+
+
+def reading(settings: ReconstructionSettings) -> particles.Reading:
+    """How particles read the field."""
+    chosen = particles.Reading()
+    chosen.low = settings.likelihood_field.low
+    chosen.high = settings.likelihood_field.high
+    chosen.informed = settings.likelihood_field.informed
+    return chosen
