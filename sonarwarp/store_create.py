@@ -52,6 +52,8 @@ def create_log(
 ) -> None:
     """Make a log with nothing complete, in one step: until it is whole it has another name, with a dot before.
 
+    A process that is killed by then leaves a folder of that name, which may be removed.
+
     Arguments and errors are those of ``sonarwarp.store_write.StoreWriter``.
     """
     _check(path, survey, truth, contacts)

@@ -113,6 +113,27 @@ def test_awkward_polygons_are_covered_wherever_they_begin(flat, area, reverse):
         assert cut.tangled == 0
 
 
+@EXAMPLES
+@given(seed=seeds, outer=st.integers(3, 20), inner=st.integers(3, 20))
+def test_a_hole_on_a_bridge_stays_open(seed, outer, inner):
+    random = np.random.default_rng(seed)
+    # Corners between 2.1 and 3 from the middle have all their sides beyond 1, where the hole ends.
+    angle = 2.0 * np.pi * np.arange(outer) / outer
+    border = random.uniform(2.1, 3.0, outer)[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    hole = star(inner, random)
+    first = math.atan2(hole[0, 1], hole[0, 0])
+    hole = hole @ np.array([[math.cos(first), -math.sin(first)], [math.sin(first), math.cos(first)]])
+    # The bridge goes outwards from the hole's first corner to the border's.
+    hole = np.roll(hole[::-1], 1, axis=0)
+    flat = np.concatenate([border, border[:1], hole, hole[:1]])
+    points, normal = in_space(flat, random)
+    cut = triangulate(points, np.array([len(flat)]), np.arange(len(flat)))
+    areas = triangle_areas(points, cut.triangles, normal)
+    assert cut.tangled == 0
+    assert areas.min() > 0.0
+    assert areas.sum() == pytest.approx(shoelace(border) + shoelace(hole))
+
+
 @pytest.mark.parametrize(
     "flat",
     [
@@ -207,6 +228,7 @@ def test_outside_is_found_far_from_the_origin():
 def test_an_open_sheet_keeps_the_sense_of_its_majority():
     grid = scenes.rough_seabed(scenes.Extent(x_min=0, x_max=2, y_min=0, y_max=2), scenes.Roughness())
     turned = np.random.default_rng(1).random(len(grid.faces)) < 0.3
+    turned[0] = True
     faces = np.where(turned[:, None], grid.faces[:, ::-1], grid.faces)
     wound = wind_outwards(grid.vertices, faces)
     assert np.array_equal(wound.triangles, grid.faces)

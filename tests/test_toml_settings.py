@@ -26,7 +26,7 @@ from sonarwarp.toml_settings import (
 from sonarwarp.toml_text import field_comments, preset_text, toml_text
 from tests.attempts import attempt
 
-FUZZ = settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+FUZZ = settings(deadline=None, max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 FIELD = preset_text("paper field")
 

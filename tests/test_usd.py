@@ -246,13 +246,14 @@ def test_instancers_of_instancers_multiply():
     stage = new_stage()
     outer = add_instancer(stage, "/Outer", [(0, 0, 0), (0, 100, 0)])
     inner = add_instancer(stage, "/Outer/Inner", [(0, 0, 0), (10, 0, 0), (20, 0, 0)])
+    outer.CreateScalesAttr([(2, 1, 1)] * 2)
     add_cube(stage, "/Outer/Inner/Cube").AddTranslateOp().Set(Gf.Vec3d(0, 0, 5))
     outer.CreatePrototypesRel().SetTargets(["/Outer/Inner"])
     inner.CreatePrototypesRel().SetTargets(["/Outer/Inner/Cube"])
     scene, report = read_stage(stage)
     assert (report.parts[0].copies, len(scene.faces)) == (6, 72)
     middles = scene.vertices.reshape(6, 8, 3).mean(axis=1)
-    assert {tuple(place) for place in middles.round(6).tolist()} == {(x, y, 5) for x in (0, 10, 20) for y in (0, 100)}
+    assert {tuple(place) for place in middles.round(6).tolist()} == {(x, y, 5) for x in (0, 20, 40) for y in (0, 100)}
 
 
 # True volumes of OpenUSD's shapes of unit sizes, and how far 64 segments fall short of them at most.
@@ -460,6 +461,9 @@ def test_subsets_have_materials_of_their_own():
         "sonarwarp:acoustic:impedance of /Cube/Low": 2,
         "name of /Looks/Steel: steel": 4,
     }
+    # A number for the mesh goes before its subsets' materials, but not before their numbers.
+    state(cube.GetPrim(), 7e6)
+    assert sorted(read(stage).impedance.tolist()) == [7e6] * 10 + [9e6] * 2
 
 
 # Refusals
