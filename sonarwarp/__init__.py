@@ -1,6 +1,6 @@
 """Imaging and profiling sonars simulated and fused into 3-D point clouds on NVIDIA Warp."""
 
-from sonarwarp.cloud import PointCloud
+from sonarwarp.cloud import PointCloud, read_cloud
 from sonarwarp.log import Log, SonarLog
 from sonarwarp.reconstructor import Clouds, Reconstructor, reconstruct
 from sonarwarp.schedule import Schedule, frames_per_round, plan_schedule
@@ -50,6 +50,7 @@ __all__ = [
     "open_log",
     "plan_schedule",
     "plan_survey",
+    "read_cloud",
     "reconstruct",
     "simulate",
     "simulate_to_store",

@@ -45,3 +45,40 @@ class PointCloud:
             kind = np.int32 if np.issubdtype(values.dtype, np.integer) else np.float32
             mesh.vertex_attributes[name] = values.astype(kind)
         Path(path).write_bytes(export_ply(mesh, encoding="binary"))
+
+    def write_npz(self, path: str | Path) -> None:
+        """Write a compressed NumPy archive: ``points``, and every attribute under its name."""
+        np.savez_compressed(path, allow_pickle=False, points=self.points, **self.attributes)
+
+
+def read_cloud(path: str | Path) -> PointCloud:
+    """Read a cloud that :class:`PointCloud` wrote, PLY or NPZ, or the vertices of any other PLY.
+
+    Raises:
+        ValueError: another suffix, no such file, or one that cannot be read; one line that names the file.
+    """
+    path = Path(path)
+    readers = {".ply": _read_ply, ".npz": _read_npz}
+    if path.suffix.lower() not in readers:
+        raise ValueError(f"{path}: {path.suffix or 'no suffix'}, must be .ply or .npz")
+    try:
+        points, attributes = readers[path.suffix.lower()](path)
+        return PointCloud(points=points, attributes=attributes)
+    # Readers of damaged files raise what their parsers happen to meet.
+    except Exception as error:
+        raise ValueError(f"{path}: cannot be read as a cloud: {error}") from error
+
+
+def _read_npz(path: Path) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+        return archive["points"], {name: archive[name] for name in archive.files if name != "points"}
+
+
+def _read_ply(path: Path) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    from trimesh.exchange.ply import load_ply
+
+    with path.open("rb") as file:
+        vertex = load_ply(file)["metadata"]["_ply_raw"]["vertex"]["data"]
+    names = vertex.dtype.names
+    points = np.stack([vertex[axis] for axis in "xyz"], axis=-1).astype(np.float64)
+    return points, {name: vertex[name] for name in names if name not in ("x", "y", "z")}

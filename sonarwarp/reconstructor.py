@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +13,7 @@ from sonarwarp import specs
 from sonarwarp.cloud import PointCloud
 from sonarwarp.field_box import plan_grid
 from sonarwarp.log import Log
-from sonarwarp.schedule import Schedule, frames_per_round, plan_schedule
+from sonarwarp.schedule import EMPTY, Schedule, frames_per_round, plan_schedule
 from sonarwarp.settings import ReconstructionSettings
 from sonarwarp.simulator import MEMORY, owner_keys, seabed_echo
 from sonarwarp.sonar import Rig
@@ -290,6 +290,7 @@ def reconstruct(
     device: str | None = None,
     threads: int | None = None,
     memory: int = MEMORY,
+    advance: Callable[[int], None] | None = None,
 ) -> Clouds:
     """Reconstruct a log, simulated or recorded.
 
@@ -300,6 +301,7 @@ def reconstruct(
         device: Warp device.
         threads: CPU threads; all cores by default.
         memory: bytes that one round of frames may take on the device.
+        advance: told after each round how many frames it brought.
     """
     survey = log.survey
     reconstructor = Reconstructor(survey.rig, settings=settings, device=device, threads=threads)
@@ -314,4 +316,6 @@ def reconstruct(
         images = wp.array(log.images_of(frame), dtype=float, device=reconstructor.device)
         echoes = wp.array(log.echoes_of(ping), dtype=float, device=reconstructor.device)
         reconstructor.step(images, echoes)
+        if advance is not None:
+            advance(int((frame != EMPTY).sum()))
     return reconstructor.read()

@@ -86,6 +86,7 @@ def test_polygons_keep_their_order_and_corners(seed, counts):
 
 COMB = [(0, 0), (7, 0), (7, 3), (6, 3), (6, 1), (5, 1), (5, 3), (4, 3), (4, 1), (3, 1), (3, 3), (0, 3)]
 CORNERS_ON_SIDES = [(0, 0), (1, 0), (2, 0), (3, 0), (3, 1), (3, 2), (2, 2), (1, 2), (0, 2), (0, 1)]
+CORNERS_ON_ONE_SIDE = [(0, 0), (1, 0), (2, 0), (3, 0), (0, 2)]
 BRIDGED_HOLE = [(0, 0), (4, 0), (4, 4), (0, 4), (0, 0), (1, 1), (1, 3), (3, 3), (3, 1), (1, 1)]
 
 
@@ -97,9 +98,10 @@ BRIDGED_HOLE = [(0, 0), (4, 0), (4, 4), (0, 4), (0, 0), (1, 1), (1, 3), (3, 3), 
         ([(0, 0), (2, 0), (4, 0), (4, 4), (0, 4)], 16.0),
         (COMB, 17.0),
         (CORNERS_ON_SIDES, 6.0),
+        (CORNERS_ON_ONE_SIDE, 3.0),
         (BRIDGED_HOLE, 12.0),
     ],
-    ids=["dart", "flat corner", "flat corner of a pentagon", "comb", "flat corners", "hole by a bridge"],
+    ids=["dart", "flat corner", "flat corner of a pentagon", "comb", "flat corners", "one side", "hole by a bridge"],
 )
 @pytest.mark.parametrize("reverse", [False, True])
 def test_awkward_polygons_are_covered_wherever_they_begin(flat, area, reverse):
@@ -146,6 +148,16 @@ def test_polygons_that_cross_themselves_are_counted(flat):
     points = np.column_stack([np.array(flat, float), np.zeros(len(flat))])
     cut = triangulate(points, np.array([len(flat)]), np.arange(len(flat)))
     assert (len(cut.triangles), cut.tangled) == (len(flat) - 2, 1)
+
+
+def test_a_doubled_corner_costs_a_triangle_without_area():
+    flat = [(0, 0), (2, 0), (2, 0), (2, 2), (1, 1), (0, 2)]
+    for start in range(len(flat)):
+        points = np.column_stack([np.roll(np.array(flat, float), start, axis=0), np.zeros(len(flat))])
+        cut = triangulate(points, np.array([len(flat)]), np.arange(len(flat)))
+        areas = triangle_areas(points, cut.triangles, np.array([0.0, 0.0, 1.0]))
+        assert np.count_nonzero(areas == 0.0) == 1
+        assert (areas.min(), areas.sum(), cut.tangled) == (0.0, 3.0, 0)
 
 
 @EXAMPLES
@@ -233,6 +245,23 @@ def test_an_open_sheet_keeps_the_sense_of_its_majority():
     wound = wind_outwards(grid.vertices, faces)
     assert np.array_equal(wound.triangles, grid.faces)
     assert (wound.flipped, wound.closed, wound.open, wound.unclear) == (turned.sum(), 0, len(faces), 0)
+
+
+def test_poles_where_corners_meet_keep_a_ball_closed():
+    rows, columns = 5, 8
+    latitude, longitude = np.meshgrid(
+        np.linspace(-0.5 * np.pi, 0.5 * np.pi, rows), 2.0 * np.pi * np.arange(columns) / columns, indexing="ij"
+    )
+    level = np.cos(latitude).round(12)
+    ball = np.stack([level * np.cos(longitude), level * np.sin(longitude), np.sin(latitude)], axis=-1)
+    node = np.arange(rows * columns).reshape(rows, columns)
+    beside = np.roll(node, -1, axis=1)
+    a, b, c, d = node[:-1], beside[:-1], beside[1:], node[1:]
+    faces = np.concatenate([np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)])
+    wound = wind_outwards(ball.reshape(-1, 3), faces)
+    meet_at_poles = 2 * columns
+    assert (wound.flipped, wound.closed) == (0, len(faces) - meet_at_poles)
+    assert (wound.open, wound.unclear) == (0, 0)
 
 
 def test_a_surface_of_one_side_is_left_and_counted():

@@ -106,10 +106,9 @@ def _clip_ears(x: Sequence[float], y: Sequence[float]) -> tuple[list[tuple[int, 
     def is_ear(a: int, b: int, c: int) -> bool:
         if not turn(a, b, c) > 0.0:
             return False
-        # Only corners that are not convex can lie inside; bridges to holes have two corners at one place.
-        places = {(x[a], y[a]), (x[b], y[b]), (x[c], y[c])}
+        # Only corners that are not convex can lie inside.
         return not any(
-            turn(a, b, r) >= 0.0 and turn(b, c, r) >= 0.0 and turn(c, a, r) >= 0.0 and (x[r], y[r]) not in places
+            r not in (a, b, c) and turn(a, b, r) >= 0.0 and turn(b, c, r) >= 0.0 and turn(c, a, r) >= 0.0
             for r in reflex
         )
 

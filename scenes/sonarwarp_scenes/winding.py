@@ -20,7 +20,7 @@ class Winding(NamedTuple):
     """Triangles that were turned over."""
 
     closed: int
-    """Triangles of closed surfaces: wound outwards now."""
+    """Triangles of closed surfaces: wound outwards now. Those with two corners at one place count nowhere."""
 
     open: int
     """Triangles of surfaces with a border: of one sense now, but which side is out is not known."""
@@ -45,8 +45,9 @@ def wind_outwards(vertices: np.ndarray, triangles: np.ndarray) -> Winding:
     corners = _weld(vertices)[triangles]
     start, end = corners, np.roll(corners, -1, axis=1)
     ascends = (start < end).ravel()
-    # A side of no length joins nothing.
-    sides = np.flatnonzero((start != end).ravel())
+    # A triangle with two corners at one place, as at the poles of many spheres, joins nothing: its sides are one edge.
+    proper = (start != end).all(axis=1)
+    sides = np.flatnonzero(np.repeat(proper, 3))
     span = int(corners.max(initial=0)) + 1
     edge = (np.minimum(start, end).astype(np.int64) * span + np.maximum(start, end)).ravel()[sides]
     order = np.argsort(edge, kind="stable")
@@ -79,13 +80,13 @@ def wind_outwards(vertices: np.ndarray, triangles: np.ndarray) -> Winding:
 
     wound = np.array(triangles)
     wound[turned] = wound[turned][:, ::-1]
-    closed = whole[surface]
+    closed, clear = whole[surface] & proper, sound[surface]
     return Winding(
         triangles=wound,
         flipped=int(turned.sum()),
         closed=int(closed.sum()),
-        open=int((~closed & sound[surface]).sum()),
-        unclear=int((~sound[surface]).sum()),
+        open=int((~closed & clear & proper).sum()),
+        unclear=int((~clear).sum()),
     )
 
 

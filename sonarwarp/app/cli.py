@@ -8,7 +8,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -67,6 +67,99 @@ def demo(
             _print_json(report.rows)
         else:
             _print_report(report, chosen)
+
+
+_Device = Annotated[str | None, typer.Option(help="Such as cpu or cuda:0; Warp's choice if none.")]
+_Seed = Annotated[int, typer.Option(min=0, max=2**63 - 1, help="Of noise and particles.")]
+_Scale = Annotated[float | None, typer.Option(help="Metres per unit of the scene's file; its own, or 1, if none.")]
+
+
+@app.command()
+def preset(name: Annotated[str, typer.Argument(help="Such as 'paper field'; see info.")]) -> None:
+    """Print a complete, commented TOML file of a preset: rig, noise and reconstruction."""
+    with _one_line_errors():
+        from sonarwarp.toml_text import preset_text
+
+        print(preset_text(name), end="", flush=True)
+
+
+@app.command()
+def simulate(
+    scene: Annotated[Path, typer.Argument(help="Mesh file or OpenUSD stage, metres, z up.")],
+    rig: Annotated[Path, typer.Option(help="TOML file, as preset prints it.")],
+    out: Annotated[Path, typer.Option(help="Log to write, a Zarr store.")],
+    trajectory: Annotated[
+        Path | None, typer.Option(help="CSV, TUM or OpenUSD file; the scene's own stage if none.")
+    ] = None,
+    scale: _Scale = None,
+    frames_from: Annotated[float, typer.Option(help="Time from which the FLS records [s].")] = 0.0,
+    truth: Annotated[bool, typer.Option("--truth", help="Keep first contacts of every beam too.")] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an older log.")] = False,
+    seed: _Seed = 0,
+    device: _Device = None,
+    as_json: _AsJson = False,
+) -> None:
+    """Simulate both sonars over a scene into a log; interrupted, the log says how far it came."""
+    with _one_line_errors():
+        from sonarwarp.app.logs import simulate_files
+        from sonarwarp.app.machine import find_device
+        from sonarwarp.app.progress import show_progress
+
+        chosen = find_device(device)
+        with show_progress() as watch:
+            facts = simulate_files(
+                scene,
+                rig,
+                trajectory,
+                out,
+                scale=scale,
+                seed=seed,
+                frames_from=frames_from,
+                truth=truth,
+                overwrite=overwrite,
+                device=chosen,
+                watch=watch,
+            )
+        _print_facts(facts, as_json)
+
+
+@app.command()
+def reconstruct(
+    log: Annotated[Path, typer.Argument(help="Log that simulate wrote.")],
+    out: Annotated[Path, typer.Option(help="Folder for the clouds.")],
+    settings: Annotated[Path | None, typer.Option(help="TOML file; the log's own settings if none.")] = None,
+    seed: _Seed = 0,
+    device: _Device = None,
+    as_json: _AsJson = False,
+) -> None:
+    """Reconstruct a log into clouds of both methods: PLY, NPZ and OpenUSD."""
+    with _one_line_errors():
+        from sonarwarp.app.logs import reconstruct_files
+        from sonarwarp.app.machine import find_device
+        from sonarwarp.app.progress import show_progress
+
+        chosen = find_device(device)
+        with show_progress() as watch:
+            facts = reconstruct_files(log, out, settings=settings, seed=seed, device=chosen, watch=watch)
+        _print_facts(facts, as_json)
+
+
+@app.command()
+def evaluate(
+    cloud: Annotated[Path, typer.Argument(help="PLY or NPZ.")],
+    truth: Annotated[Path, typer.Option(help="Scene: mesh file or OpenUSD stage.")],
+    scale: _Scale = None,
+    tolerance: Annotated[float, typer.Option(help="Distance within which a point lies on the surface [m].")] = 0.05,
+    device: _Device = None,
+    as_json: _AsJson = False,
+) -> None:
+    """Compare a cloud with a scene: distances of all points to its surface."""
+    with _one_line_errors():
+        from sonarwarp.app.logs import evaluate_files
+        from sonarwarp.app.machine import find_device
+
+        chosen = find_device(device)
+        _print_facts(evaluate_files(cloud, truth, scale=scale, tolerance=tolerance, device=chosen), as_json)
 
 
 @app.command()
@@ -128,6 +221,15 @@ def _complain(message: str) -> None:
 
 def _print_json(value: object) -> None:
     print(json.dumps(value, indent=2, allow_nan=False), flush=True)
+
+
+def _print_facts(facts: dict[str, Any], as_json: bool) -> None:
+    if as_json:
+        _print_json(facts)
+        return
+    for name, value in facts.items():
+        shown = f"{value:.4g}" if isinstance(value, float) else value
+        print(f"{name.replace('_', ' ')}: {shown}")
 
 
 def _print_report(report: Report, device: str) -> None:
