@@ -540,3 +540,10 @@ def damaged(whole: bytes, random: np.random.Generator) -> bytes:
             fill = [b"\xff" * length, b"\0" * length, random.bytes(length), b""][random.integers(4)]
             content[place : place + length] = fill
     return bytes(content)
+
+
+def test_collada_is_read_too(tmp_path):
+    trimesh.creation.box(bounds=[[0, 0, 0], [1, 2, 3]]).export(tmp_path / "thing.dae")
+    read, _ = scenes.read_scene(tmp_path / "thing.dae")
+    assert len(read.faces) == 12
+    assert np.allclose(read.bounds(), [[0, 0, 0], [1, 2, 3]])
