@@ -81,13 +81,12 @@ class Reconstructor:
             trajectory_keys: what names each trajectory wherever it stands in a batch; its index by default.
         """
         device, settings = self.device, self.settings
-        frames, pings = survey.frames, survey.pings
+        pings = survey.pings
         self.survey = survey
         self.schedule = schedule
         self._fan = self.rig.fls.fan(device)
         self._ps_edge = wp.array(self.rig.ps.range_edge, dtype=float, device=device)
-        level = float(np.median(frames.altitude)) if len(frames) else 1.0
-        self._filter = specs.critical_filter(settings, self._seabed_level(level))
+        self._filter = specs.critical_filter(settings, self._seabed_level())
         self._detector = specs.profile_detector(settings)
         self._model = specs.profile_model(settings, self.rig.ps)
         self._mixture = specs.mixture(settings)
@@ -106,10 +105,11 @@ class Reconstructor:
         shape = (survey.trajectories, self.grid.nx, self.grid.ny, self.grid.nz)
         self.log_odds = wp.zeros(shape, dtype=int, device=device)
 
-    def _seabed_level(self, altitude: float) -> float:
+    def _seabed_level(self) -> float:
+        """The weakest echo that a flat seabed can leave where the beams meet it: at the window's end."""
         half = self.rig.fls.half_elevation
-        edge = min(max(math.radians(self.rig.fls_mount.tilt_deg) + half, 0.05), math.pi / 2 - 0.05)
-        return seabed_echo(self._fan, altitude, edge, half)
+        edge = math.radians(self.rig.fls_mount.tilt_deg) + half
+        return seabed_echo(self._fan, float(self.rig.fls.range_edge[-1]) * math.sin(max(edge, 0.05)), edge, half)
 
     def _plan_slots(self, schedule: Schedule) -> None:
         device = self.device

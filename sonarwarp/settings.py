@@ -53,7 +53,7 @@ class Detection:
     """Bins over which the background's mean forgets. Ours."""
 
     floor_db: float = -60.0
-    """Least edge over the flat seabed's echo at r_emin [dB]. Ours: above numerical crumbs."""
+    """Least edge over a flat seabed's echo at the window's end [dB]. Ours: above numerical crumbs."""
 
     profile_relative_db: float = -26.0
     """Least return of a ping over its strongest, both corrected for spreading [dB]. Ours."""

@@ -14,7 +14,7 @@ from sonarwarp.scene_table import DeviceScenes, scene_of_trajectory
 from sonarwarp.schedule import Schedule, frames_per_round, plan_schedule
 from sonarwarp.settings import NO_NOISE, Noise
 from sonarwarp.sonar import Rig
-from sonarwarp.survey import Survey, plan_survey
+from sonarwarp.survey import Frames, Pings, Survey, group_rows, plan_survey
 from sonarwarp_kernels import echo, forming, geometry, keys, noise, slots
 from sonarwarp_kernels.launch import cpu_threads
 from sonarwarp_kernels.specs import Fan
@@ -39,6 +39,8 @@ def seabed_echo(fan: Fan, altitude: float, depression: float, half_width: float)
         half_width: half the beamwidth in the vertical plane [rad].
     """
     edges = fan.range_edge.numpy()
+    # A grazing or a vertical ray has no echo that anything could be measured against.
+    depression = min(max(depression, 0.05), math.pi / 2 - 0.05)
     distance = altitude / math.sin(depression)
     bin_width = float(edges[-1] - edges[0]) / (len(edges) - 1)
     share = min(bin_width * math.tan(depression) / distance / (2.0 * half_width), 1.0)
@@ -62,6 +64,7 @@ class _Buffers:
     counts: wp.array
     speckle: wp.array
     background: wp.array
+    slot_background: wp.array
     image: wp.array
 
 
@@ -113,56 +116,61 @@ class Simulator:
         self._scenes = DeviceScenes(scenes, self.device)
         self._owner_keys = owner_keys(trajectories, seed, trajectory_keys, self.device)
         frames, pings = survey.frames, survey.pings
-        level = float(np.median(frames.altitude)) if len(frames) else 1.0
         fls, ps = self.rig.fls, self.rig.ps
-        tilt = math.radians(self.rig.fls_mount.tilt_deg)
-        edge = min(max(tilt + fls.half_elevation, 0.05), math.pi / 2 - 0.05)
-        fan = fls.fan(self.device)
-        background = seabed_echo(fan, level, edge, fls.half_elevation)
+        altitude = _altitudes(survey)
+        edge = math.radians(self.rig.fls_mount.tilt_deg) + fls.half_elevation
         self._fls = self._allocate(
-            fan,
-            frames.pose,
-            frames.trajectory,
-            frames.number,
+            fls.fan(self.device),
+            frames,
             keys.FLS_FRAMES,
             owner_scene,
             schedule.round_frame,
-            background,
+            self._background(fls.fan(self.device), altitude, edge, fls.half_elevation),
         )
-        axis = min(max(math.radians(self.rig.ps_mount.tilt_deg), 0.05), math.pi / 2 - 0.05)
-        fan = ps.fan(self.device)
-        background = seabed_echo(fan, level, axis, math.radians(ps.beamwidth_deg) / 2)
+        axis = math.radians(self.rig.ps_mount.tilt_deg)
         self._ps = self._allocate(
-            fan, pings.pose, pings.trajectory, pings.number, keys.PS_PINGS, owner_scene, schedule.round_ping, background
+            ps.fan(self.device),
+            pings,
+            keys.PS_PINGS,
+            owner_scene,
+            schedule.round_ping,
+            self._background(ps.fan(self.device), altitude, axis, math.radians(ps.beamwidth_deg) / 2),
         )
         angle = wp.array(pings.head_angle, dtype=float, device=self.device)
         geometry.turn_heads(self._ps.pose, angle, self._ps.pose, device=self.device, threads=self.threads)
         self._round = wp.zeros(1, dtype=int, device=self.device)
 
+    def _background(self, fan: Fan, altitude: np.ndarray, depression: float, half_width: float) -> np.ndarray:
+        """Mean of each trajectory's background, shape [trajectory]: its own, or a batch would change it."""
+        if self.noise.background_db is None:
+            return np.zeros(len(altitude))
+        ratio = 10.0 ** (self.noise.background_db / 20.0)
+        return np.array([ratio * seabed_echo(fan, level, depression, half_width) for level in altitude])
+
     def _allocate(
         self,
         fan: Fan,
-        pose: np.ndarray,
-        trajectory: np.ndarray,
-        number: np.ndarray,
+        instants: Frames | Pings,
         sonar: int,
         owner_scene: np.ndarray,
         table: np.ndarray,
-        background: float,
+        background: np.ndarray,
     ) -> _Buffers:
-        device, count, slot_count = self.device, len(pose), table.shape[1]
+        device, count, slot_count = self.device, len(instants), table.shape[1]
+        trajectory = instants.trajectory
         seeds, owners = self._owner_keys
         key = wp.zeros(count, dtype=wp.uint64, device=device)
         index = wp.array(trajectory, dtype=int, device=device)
-        keys.frame_keys(seeds, owners, index, wp.array(number, dtype=int, device=device), sonar, key, device=device)
+        keys.frame_keys(
+            seeds, owners, index, wp.array(instants.number, dtype=int, device=device), sonar, key, device=device
+        )
         scratch = forming.Scratch()
         for name, (shape, dtype) in forming.scratch_shapes(fan, slot_count).items():
             setattr(scratch, name, wp.zeros(shape, dtype=dtype, device=device))
         beams, bins = fan.azimuth.shape[0], fan.range_edge.shape[0] - 1
-        level = 0.0 if self.noise.background_db is None else background * 10.0 ** (self.noise.background_db / 20.0)
         return _Buffers(
             fan=fan,
-            pose=wp.array(pose, dtype=wp.transform, device=device),
+            pose=wp.array(instants.pose, dtype=wp.transform, device=device),
             key=key,
             scene=wp.array(owner_scene[trajectory], dtype=int, device=device),
             table=wp.array(table, dtype=int, device=device),
@@ -173,7 +181,8 @@ class Simulator:
             scratch=scratch,
             counts=wp.zeros((slot_count, beams, bins), dtype=int, device=device),
             speckle=wp.full(slot_count, int(self.noise.speckle), dtype=int, device=device),
-            background=wp.full(slot_count, level, dtype=float, device=device),
+            background=wp.array(background[trajectory][:, None], dtype=float, device=device),
+            slot_background=wp.zeros((slot_count, 1), dtype=float, device=device),
             image=wp.zeros((slot_count, beams, bins), dtype=float, device=device),
         )
 
@@ -199,6 +208,7 @@ class Simulator:
             sonar.slot_scene,
             device=self.device,
         )
+        slots.gather_rows(sonar.slot, sonar.background, sonar.slot_background, device=self.device)
         echo.form_echoes(
             sonar.fan,
             self._scenes.table,
@@ -214,7 +224,7 @@ class Simulator:
             sonar.fan.fixed_point,
             sonar.slot_key,
             sonar.speckle,
-            sonar.background,
+            sonar.slot_background.reshape((sonar.slot.shape[0],)),
             sonar.image,
             **on,
         )
@@ -242,6 +252,12 @@ class Simulator:
     def read(self) -> tuple[np.ndarray, np.ndarray]:
         """Images [slot, beam, bin] and echoes [slot, bin] of the last step, on the host."""
         return self.images.numpy(), self.echoes.numpy()
+
+
+def _altitudes(survey: Survey) -> np.ndarray:
+    """Median altitude of each trajectory's frames [m], 1 where it has none, shape [trajectory]."""
+    rows = group_rows(survey.frames.trajectory, survey.trajectories)
+    return np.array([np.median(survey.frames.altitude[mine]) if len(mine) else 1.0 for mine in rows])
 
 
 def owner_keys(

@@ -11,7 +11,7 @@ from sonarwarp_kernels.specs import Mixture
 
 
 def critical_filter(settings: ReconstructionSettings, seabed_level: float) -> critical.CriticalFilter:
-    """Detection of critical points; ``seabed_level`` is the flat seabed's echo at r_emin."""
+    """Detection of critical points; ``seabed_level`` is a flat seabed's echo at the window's end."""
     chosen = critical.CriticalFilter()
     chosen.guard = settings.detection.guard
     chosen.sigma = settings.detection.sigma

@@ -22,9 +22,9 @@ def scene(front_x=0.0):
     return Scene.join(ground, PlacedObject(name="brick", shape=BRICK, front_x=front_x, centre_y=0.0).scene(CONCRETE))
 
 
-def run(start_x=-3.1, length=0.3, speed=0.1):
+def run(start_x=-3.1, length=0.3, speed=0.1, altitude=1.8):
     """A straight run towards the brick."""
-    return straight_trajectory((start_x, 0.0, 1.8), heading=0.0, speed=speed, length=length)
+    return straight_trajectory((start_x, 0.0, altitude), heading=0.0, speed=speed, length=length)
 
 
 def stream(

@@ -25,7 +25,7 @@ def test_a_run_has_its_bits_however_it_is_computed(alone, device, case):
     clouds = alone[2]
     options = {"device": device, "noise": NOISE, "seed": 3}
     if case == "batch":
-        runs, scenes = [run(start_x=-2.9, length=0.5), run()], [scene(front_x=0.4), scene()]
+        runs, scenes = [run(start_x=-2.9, length=0.5, altitude=1.6), run()], [scene(front_x=0.4), scene()]
         found = stream(runs, scenes, keys=[7, 42], **options)[2]
         mine = found.fused.attributes["trajectory"] == 1
         # The box of a batch is the largest one's; its origin and cells are the same, so are the bits.

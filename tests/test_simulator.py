@@ -24,7 +24,7 @@ def test_a_run_has_its_bits_however_it_is_computed(alone, device, case):
     images, echoes, _, _ = alone
     options = {"device": device, "noise": NOISE, "seed": 3}
     if case == "batch":
-        runs, scenes = [run(start_x=-2.9, length=0.5), run()], [scene(front_x=0.4), scene()]
+        runs, scenes = [run(start_x=-2.9, length=0.5, altitude=1.6), run()], [scene(front_x=0.4), scene()]
         found = stream(runs, scenes, keys=[7, 42], **options)
         survey = sw.plan_survey(RIG, runs)
         mine, sent = survey.frames.trajectory == 1, survey.pings.trajectory == 1
