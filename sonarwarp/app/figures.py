@@ -25,7 +25,7 @@ _LABELS = 0.75
 _TITLE = 0.4
 _HALF = 6.9
 _RIGHT = _WIDTH - 0.3 - _HALF
-_CLOUD = 4.6
+_CLOUD = 5.2
 _LEGEND = 0.8
 
 # Shown round an object, in its heights: before its front, behind its back, under the seabed, over its top.

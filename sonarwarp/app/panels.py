@@ -152,8 +152,8 @@ def frame_box(axes: Axes3D, box: np.ndarray) -> None:
 
     axes.set(xlim=box[:, 0], ylim=box[:, 1], zlim=box[:, 2], xlabel="x [m]", ylabel="y [m]", zlabel="z [m]")
     sides = np.ptp(box, axis=0)
-    # As large as the axes allow, and no more ticks than a side has room for.
-    axes.set_box_aspect(sides, zoom=1.25)  # pyright: ignore[reportArgumentType]
+    axes.set_box_aspect(sides)
+    # No more ticks than a side has room for.
     for axis, side in zip((axes.xaxis, axes.yaxis, axes.zaxis), sides, strict=True):
         axis.set_major_locator(MaxNLocator(max(2, round(6 * side / sides.max()))))
 
