@@ -5,6 +5,7 @@ import subprocess
 import sys
 
 import pytest
+import warp as wp
 
 
 def sonarwarp(*arguments, folder=None):
@@ -43,6 +44,7 @@ WRONG = {
     "no such command": (["dmeo"], "dmeo"),
     "no such option": (["demo", "--sed", "1"], "--sed"),
     "no such device": (["demo", "--device", "cuda:9"], "device: 'cuda:9'"),
+    "no device of any kind": (["demo", "--device", "gpu"], "device: 'gpu'"),
     "a negative seed": (["demo", "--seed", "-1"], "--seed"),
     "a seed that is no number": (["demo", "--seed", "x"], "--seed"),
     "no such mesh": (["demo", "--mesh", "missing.obj"], "missing.obj"),
@@ -65,3 +67,24 @@ def test_wrong_input_costs_one_line(name, tmp_path):
     assert "Traceback" not in run.stderr
     assert mentioned in run.stderr
     assert len(run.stderr.strip().splitlines()) == 1
+
+
+def test_any_gpu_where_there_is_none_costs_one_line(tmp_path):
+    if wp.is_cuda_available():
+        pytest.skip("there is a GPU")
+    run = sonarwarp("demo", "--device", "cuda", folder=tmp_path)
+    assert run.returncode == 2
+    assert "device: 'cuda'" in run.stderr
+    assert len(run.stderr.strip().splitlines()) == 1
+
+
+def test_interrupted_work_costs_one_line(tmp_path):
+    command = "import os, signal, threading; from sonarwarp.app.cli import main; {}; main()"
+    # Once kernels are loaded and frames come, long before the end.
+    when = "threading.Timer(4.0, os.kill, (os.getpid(), signal.SIGINT)).start()"
+    run = subprocess.run(
+        [sys.executable, "-c", command.format(when), "demo"], capture_output=True, text=True, check=False, cwd=tmp_path
+    )
+    assert run.returncode == 130
+    assert run.stdout == ""
+    assert run.stderr.strip().splitlines() == ["sonarwarp: interrupted; what was written so far is kept"]

@@ -243,7 +243,8 @@ def _print_report(report: Report, device: str) -> None:
     rate = report.frames / report.seconds
     console.print(
         f"{report.frames} frames of both sonars simulated and reconstructed on {device} in {report.seconds:.1f} s: "
-        f"{rate:.0f} frames/s"
+        f"{rate:.0f} frames/s",
+        soft_wrap=True,
     )
     console.print("Written:")
     for path in report.files:

@@ -18,6 +18,7 @@ import sonarwarp as sw
 from sonarwarp.app import figures, rows
 from sonarwarp.app.experiment import Experiment, Run, run_experiment
 from sonarwarp.app.machine import describe_device, versions
+from sonarwarp.app.mesh_page import draw_mesh_page
 from sonarwarp.app.progress import Watch
 from sonarwarp_kernels.launch import cpu_threads
 from sonarwarp_scenes import (
@@ -194,7 +195,7 @@ def _judge(run: Run, page: Path) -> list[dict[str, Any]]:
     """Rows of a run, and its page drawn."""
     if run.experiment.body is not None:
         surfaces = rows.evaluate_mesh(run)
-        figures.draw_mesh_page(run, surfaces, page)
+        draw_mesh_page(run, surfaces, page)
         return rows.mesh_rows(run, surfaces)
     sections = rows.evaluate_objects(run)
     figures.draw_objects_page(run, sections, page)

@@ -54,6 +54,9 @@ def find_device(name: str | None) -> str:
     """
     remark = start_warp()
     try:
+        # Warp asks a driver that is not there for its current device.
+        if name == "cuda" and not wp.is_cuda_available():
+            raise ValueError("no CUDA device")
         return str(wp.get_device(name))
     except ValueError as error:
         known = ", ".join(str(device) for device in wp.get_devices())

@@ -5,7 +5,7 @@ One colour means one thing on every page; all are told apart by colour-blind rea
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from sonarwarp.app.snapshot import Snapshot
 from sonarwarp.poses import rotate
 from sonarwarp.sonar import FLS, Rig
 from sonarwarp.survey import Survey
-from sonarwarp_scenes import PlacedObject, Scene, Wedge
+from sonarwarp_scenes import PlacedObject, Wedge
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -30,27 +30,30 @@ _FLOOR_DB = -50.0
 
 _UNSEEN = "0.85"
 
+DARK_LEGEND: dict[str, Any] = {"facecolor": "0.3", "edgecolor": "none", "labelcolor": "white", "framealpha": 0.9}
+"""For legends of what is drawn on black."""
+
 
 def decibels(amplitude: np.ndarray) -> np.ndarray:
-    """Amplitude over the strongest [dB], no less than the floor of the colour scale."""
+    """Amplitude over the strongest of all [dB], no less than the floor of the colour scale."""
     peak = max(float(amplitude.max(initial=0.0)), float(np.finfo(np.float32).tiny))
     return 20.0 * np.log10(np.maximum(amplitude / peak, 10.0 ** (_FLOOR_DB / 20.0)))
 
 
 def draw_fan(
-    axes: Axes, fls: FLS, image: np.ndarray, seabed_range: np.ndarray, critical_range: np.ndarray
+    axes: Axes, fls: FLS, level: np.ndarray, seabed_range: np.ndarray, critical_range: np.ndarray
 ) -> ScalarMappable:
     """One FLS frame in its own plane, with the limit of the region of interest and the critical points.
 
     Args:
         axes: where to draw.
         fls: the sonar, for its beams and bins.
-        image: echo amplitude, shape [beam, bin].
+        level: echo amplitude [dB], shape [beam, bin].
         seabed_range: limit of the region of interest [m], shape [beam].
         critical_range: contacts [m], below 0 where a beam has none, shape [beam].
     """
     across, ahead = _fan_place(fls.range_edge, fls.azimuth_edge[:, None])
-    drawn = axes.pcolormesh(across, ahead, decibels(image), cmap="gray", vmin=_FLOOR_DB, vmax=0.0, rasterized=True)
+    drawn = axes.pcolormesh(across, ahead, level, cmap="gray", vmin=_FLOOR_DB, vmax=0.0, rasterized=True)
     axes.plot(*_fan_place(seabed_range, fls.azimuth), "--", color=LIMIT, lw=2.0, label="limit of the ROI")
     found = critical_range >= 0.0
     place = _fan_place(critical_range[found], fls.azimuth[found])
@@ -83,10 +86,11 @@ def draw_sweep(axes: Axes, rig: Rig, survey: Survey, snapshot: Snapshot) -> None
     ping, number = np.nonzero(footprints[..., 1] >= 0.0)
     near, centroid, far = (_along(start[ping], footprints[ping, number, point], depression[ping]) for point in range(3))
     axes.plot(*(np.stack(ends) for ends in zip(near, far, strict=True)), "-", color=DETECTION, lw=1.0)
-    axes.plot(*centroid, "o", color=DETECTION, ms=3.5, mew=0.0, label="detected footprints, 10 to 90 % of the energy")
+    axes.plot(*centroid, "o", color=DETECTION, ms=3.0, mew=0.0, label="footprints: centroid, 10 to 90 % of the energy")
     axes.plot(*start.T, "-", color=LIMIT, lw=3.0, label="the sonar's way")
     axes.set_aspect("equal")
-    axes.set_facecolor(_UNSEEN)
+    # Nearly black, or the slivers between pings would be all that a reader sees.
+    axes.set_facecolor("0.12")
     axes.set_xlabel("x [m]")
     axes.set_ylabel("z [m]")
 
@@ -150,7 +154,10 @@ def frame_box(axes: Axes3D, box: np.ndarray) -> None:
     """Show exactly ``box`` [m], shape [2, 3], to scale."""
     from matplotlib.ticker import MaxNLocator
 
-    axes.set(xlim=box[:, 0], ylim=box[:, 1], zlim=box[:, 2], xlabel="x [m]", ylabel="y [m]", zlabel="z [m]")
+    axes.set(xlim=box[:, 0], ylim=box[:, 1], zlim=box[:, 2])
+    axes.set_xlabel("x [m]", labelpad=13.0)
+    axes.set_ylabel("y [m]", labelpad=9.0)
+    axes.set_zlabel("z [m]", labelpad=4.0)
     sides = np.ptp(box, axis=0)
     axes.set_box_aspect(sides)
     # No more ticks than a side has room for.
@@ -166,17 +173,3 @@ def draw_edges(axes: Axes3D, placed: PlacedObject) -> None:
         axes.plot(placed.front_x + np.append(x, x[0]), np.full(5, y), np.append(z, 0.0), color=TRUTH, lw=1.2)
     for corner_x, corner_z in zip(placed.front_x + x, z, strict=True):
         axes.plot([corner_x] * 2, [placed.centre_y - half, placed.centre_y + half], [corner_z] * 2, color=TRUTH, lw=1.2)
-
-
-def draw_mesh(axes: Axes3D, body: Scene, box: np.ndarray) -> None:
-    """The faces of a mesh that reach over the box's floor, shaded by their slope."""
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
-
-    corners = body.vertices[body.faces]
-    above = corners[corners[..., 2].max(axis=1) > box[0, 2]]
-    clipped = np.clip(above, box[0], box[1])
-    normal = np.cross(above[:, 1] - above[:, 0], above[:, 2] - above[:, 0])
-    length = np.maximum(np.linalg.norm(normal, axis=1), np.finfo(float).tiny)
-    shade = 0.35 + 0.55 * np.abs(normal[:, 2]) / length
-    axes.add_collection3d(Poly3DCollection(clipped, facecolors=np.repeat(shade[:, None], 3, axis=1), lw=0.0))
-    frame_box(axes, box)

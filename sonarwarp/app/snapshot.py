@@ -73,7 +73,8 @@ def take_snapshot(run: Run) -> Snapshot:
         echoes[np.searchsorted(pings, ping[ping != EMPTY])] = round_echoes[ping != EMPTY]
     reconstructor = engines.reconstructor
     settings = reconstructor.settings.likelihood_field
-    log_odds = np.clip(reconstructor.log_odds.numpy()[0] / float(FIXED_POINT), settings.low, settings.high)
+    log_odds = reconstructor.log_odds.numpy()[0].astype(np.float32) / np.float32(FIXED_POINT)
+    log_odds = np.clip(log_odds, settings.low, settings.high)
     return Snapshot(
         frame=frames,
         images=images,

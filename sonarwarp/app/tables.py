@@ -14,22 +14,23 @@ _PAPER_FIELD: Mapping[str, Sequence[float | None]] = {
     "fused": (85.77, 0.047, None, 0.12, 0.18),
 }
 
+# Key, heading in two lines so that 80 columns hold a table, format.
 _SECTION_COLUMNS = (
-    ("slope_deg", "slope [°]", ".2f"),
-    ("slope_error", "slope error", ".3f"),
-    ("front_coverage", "front coverage", ".2f"),
-    ("area_error", "area error", ".3f"),
-    ("volume_error", "volume error", ".3f"),
+    ("slope_deg", "slope\n(deg)", ".2f"),
+    ("slope_error", "slope\nerror", ".3f"),
+    ("front_coverage", "front\ncover", ".2f"),
+    ("area_error", "area\nerror", ".3f"),
+    ("volume_error", "volume\nerror", ".3f"),
 )
 
 _MESH_COLUMNS = (
-    ("points", "points", "d"),
-    ("accuracy_mean", "mean [m]", ".3f"),
-    ("accuracy_rms", "RMS [m]", ".3f"),
-    ("accuracy_p95", "95 % [m]", ".3f"),
-    ("precision", "precision", ".2f"),
-    ("completeness", "completeness", ".2f"),
-    ("f_score", "F-score", ".2f"),
+    ("points", "\npoints", "d"),
+    ("accuracy_mean", "mean\n(m)", ".3f"),
+    ("accuracy_rms", "RMS\n(m)", ".3f"),
+    ("accuracy_p95", "95 %\n(m)", ".3f"),
+    ("precision", "of the\npoints", ".2f"),
+    ("completeness", "of what\nis seen", ".2f"),
+    ("f_score", "\nF-score", ".2f"),
 )
 
 
@@ -43,20 +44,19 @@ def section_table(rows: Sequence[Mapping[str, Any]]) -> Table:
     table.add_section()
     for method, figures in _PAPER_FIELD.items():
         cells = (_cell(value, form) for value, (_, _, form) in zip(figures, _SECTION_COLUMNS, strict=True))
-        table.add_row("brick, in the paper", "at sea", method, *cells, style="italic")
+        table.add_row("brick, the paper's", "at sea", method, *cells, style="italic")
     return table
 
 
 def mesh_table(rows: Sequence[Mapping[str, Any]]) -> Table:
     """Distances of clouds to a mesh and its seabed."""
     tolerance = rows[0]["tolerance"]
-    table = _table(
-        f"Distance to the mesh and the seabed; shares within {100.0 * tolerance:g} cm", ("object", "noise", "method")
-    )
+    table = _table(f"Distance to mesh and seabed, and shares within {100.0 * tolerance:g} cm", ("object", "method"))
     for _, heading, _ in _MESH_COLUMNS:
         table.add_column(heading, justify="right")
     for row in rows:
-        table.add_row(*_names(row), *(_cell(row[key], form) for key, _, form in _MESH_COLUMNS))
+        cells = (_cell(row[key], form) for key, _, form in _MESH_COLUMNS)
+        table.add_row(_literal(row["object"]), row["method"], *cells)
     return table
 
 
@@ -66,18 +66,18 @@ def preset_table(presets: Mapping[str, Mapping[str, float]]) -> Table:
     for name in presets:
         table.add_column(name, justify="right")
     for key in next(iter(presets.values())):
-        table.add_row(key, *(f"{figures[key]:g}" for figures in presets.values()))
+        table.add_row(_literal(key), *(f"{figures[key]:g}" for figures in presets.values()))
     return table
 
 
 def device_table(devices: Sequence[Mapping[str, Any]]) -> Table:
     """Warp devices with their memory."""
     table = _table("Devices", ("device", "name"))
-    for heading in ("memory [GiB]", "threads"):
+    for heading in ("memory (GiB)", "threads"):
         table.add_column(heading, justify="right")
     for device in devices:
         memory = None if device["memory"] is None else device["memory"] / 2**30
-        table.add_row(device["alias"], device["name"], _cell(memory, ".1f"), _cell(device["threads"], "d"))
+        table.add_row(device["alias"], _literal(device["name"]), _cell(memory, ".1f"), _cell(device["threads"], "d"))
     return table
 
 
@@ -93,7 +93,14 @@ def _table(title: str, headings: Sequence[str]) -> Table:
     from rich import box
     from rich.table import Table
 
-    table = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
+    table = Table(
+        title=title,
+        title_justify="left",
+        title_style="bold",
+        box=box.SIMPLE_HEAD,
+        pad_edge=False,
+        collapse_padding=True,
+    )
     for heading in headings:
         table.add_column(heading)
     return table
@@ -101,7 +108,14 @@ def _table(title: str, headings: Sequence[str]) -> Table:
 
 def _names(row: Mapping[str, Any]) -> tuple[str, str, str]:
     parts = (row["object"], row["deployment"], row["which"])
-    return ", ".join(part for part in parts if part), row["noise"], row["method"]
+    return _literal(" ".join(part for part in parts if part)), row["noise"], row["method"]
+
+
+def _literal(text: str) -> str:
+    """Text whose brackets stay: ``[m]`` would be a tag."""
+    from rich.markup import escape
+
+    return escape(text)
 
 
 def _cell(value: float | None, form: str) -> str:
