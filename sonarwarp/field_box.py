@@ -16,7 +16,7 @@ _MARGIN = 0.1
 
 
 def plan_grid(survey: Survey, settings: LikelihoodField, device: wp.Device) -> Grid:
-    """Cells around every trajectory's region of interest, boxes of one size.
+    """Cells around every trajectory's region of interest.
 
     The region of a frame spans its azimuths and elevations between ``settings.near`` times r_emin and r_emin, at the
     frame's own attitude and altitude.
@@ -30,14 +30,17 @@ def plan_grid(survey: Survey, settings: LikelihoodField, device: wp.Device) -> G
         raise ValueError("survey.frames: empty, nothing to reconstruct")
     low = np.array([box.min(axis=0) if len(box) else filled[0].min(axis=0) for box in boxes]) - _MARGIN
     high = np.array([box.max(axis=0) if len(box) else filled[0].min(axis=0) for box in boxes]) + _MARGIN
-    cells = np.ceil((high - low).max(axis=0) / settings.cell).astype(int)
+    # The origin stands on a multiple of a cell, up to one under the lowest corner.
+    size = np.ceil((high - low) / settings.cell).astype(int) + 1
+    cells = size.max(axis=0)
     if 4 * int(np.prod(cells.astype(object))) >= 2**31:
         size = " x ".join(str(count) for count in cells)
         raise ValueError(f"likelihood_field.cell: {settings.cell:g} m gives {size} cells, over 2 GiB; raise it")
     grid = Grid()
     grid.origin = wp.array(np.floor(low / settings.cell) * settings.cell, dtype=wp.vec3, device=device)
+    grid.size = wp.array(size, dtype=wp.vec3i, device=device)
     grid.cell = settings.cell
-    grid.nx, grid.ny, grid.nz = (int(count) + 1 for count in cells)
+    grid.nx, grid.ny, grid.nz = (int(count) for count in cells)
     return grid
 
 

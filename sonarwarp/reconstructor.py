@@ -13,13 +13,13 @@ from sonarwarp import specs
 from sonarwarp.cloud import PointCloud
 from sonarwarp.field_box import plan_grid
 from sonarwarp.log import Log
-from sonarwarp.schedule import EMPTY, Schedule, frames_per_round, plan_schedule
+from sonarwarp.schedule import EMPTY, Schedule, check_schedule, frames_per_round, plan_schedule
 from sonarwarp.settings import ReconstructionSettings
 from sonarwarp.simulator import MEMORY, owner_keys, seabed_echo
 from sonarwarp.sonar import Rig
 from sonarwarp.survey import Survey
 from sonarwarp_kernels import critical, estimate, field, geometry, keys, particles, profile, roi, slots
-from sonarwarp_kernels.launch import cpu_threads
+from sonarwarp_kernels.launch import check_array, cpu_threads
 
 QUALITIES = {0: "none", 1: "fallback", 2: "informed"}
 """Meaning of the clouds' attribute ``quality``."""
@@ -79,7 +79,12 @@ class Reconstructor:
             schedule: which frames and pings each round brings, made with this reconstructor's ``window``.
             seed: of the particles.
             trajectory_keys: what names each trajectory wherever it stands in a batch; its index by default.
+
+        Raises:
+            ValueError: a survey without frames, a field too large, a trajectory without a key, a seed or key outside 64
+                bits, or another survey's schedule.
         """
+        check_schedule(schedule, survey)
         device, settings = self.device, self.settings
         pings = survey.pings
         self.survey = survey
@@ -164,7 +169,13 @@ class Reconstructor:
         Args:
             images: FLS images of the schedule's round, shape [slot, beam, bin].
             echoes: PS echo profiles of the schedule's round, shape [slot, bin].
+
+        Raises:
+            ValueError: an array of the wrong shape, type or device.
         """
+        frames, pings = self.schedule.round_frame.shape[1], self.schedule.round_ping.shape[1]
+        check_array("images", images, (frames, self.rig.fls.beams, self.rig.fls.bins), wp.float32, self.device)
+        check_array("echoes", echoes, (pings, self.rig.ps.bins), wp.float32, self.device)
         self._detect(images, echoes)
         for _ in range(self.schedule.epochs):
             self._fuse()

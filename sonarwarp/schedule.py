@@ -67,7 +67,8 @@ def plan_schedule(survey: Survey, *, frames: int, window: int, causal: bool = Tr
 
     Args:
         survey: what was recorded.
-        frames: most frames in a round; its pings follow the same bound.
+        frames: most frames in a round. Its pings stay within the same number, unless one epoch alone brings more: up
+            to 8 of each of as many trajectories, which are small beside images.
         window: pings of a trajectory that its field remembers.
         causal: whether a frame is weighed against the pings before it only; otherwise all pings come first, and none
             leaves.
@@ -105,6 +106,21 @@ def plan_schedule(survey: Survey, *, frames: int, window: int, causal: bool = Tr
                 piece.pings == EMPTY, EMPTY, leaving[piece.pings]
             )
     return schedule
+
+
+def check_schedule(schedule: Schedule, survey: Survey) -> None:
+    """Refuse a schedule that names frames or pings which a survey has not: kernels would read beyond its arrays.
+
+    Raises:
+        ValueError: it was made for another survey.
+    """
+    for name, table, count in (
+        ("frame", schedule.round_frame, len(survey.frames)),
+        ("ping", schedule.round_ping, len(survey.pings)),
+    ):
+        last = int(table.max(initial=EMPTY))
+        if last >= count:
+            raise ValueError(f"schedule: names {name} {last} of a survey of {count}, was made for another one")
 
 
 def _empty(*shape: int) -> np.ndarray:

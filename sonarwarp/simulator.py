@@ -11,7 +11,7 @@ import warp as wp
 
 from sonarwarp.log import SonarLog
 from sonarwarp.scene_table import DeviceScenes, scene_of_trajectory
-from sonarwarp.schedule import Schedule, frames_per_round, plan_schedule
+from sonarwarp.schedule import Schedule, check_schedule, frames_per_round, plan_schedule
 from sonarwarp.settings import NO_NOISE, Noise
 from sonarwarp.sonar import Rig
 from sonarwarp.survey import Frames, Pings, Survey, group_rows, plan_survey
@@ -107,8 +107,10 @@ class Simulator:
             trajectory_keys: what names each trajectory wherever it stands in a batch; its index by default.
 
         Raises:
-            ValueError: a trajectory without a scene.
+            ValueError: a trajectory without a scene or a key, a seed or key outside 64 bits, or another survey's
+                schedule.
         """
+        check_schedule(schedule, survey)
         trajectories = survey.trajectories
         owner_scene = scene_of_trajectory(scene_of, trajectories, len(scenes))
         self.survey = survey
@@ -263,11 +265,19 @@ def _altitudes(survey: Survey) -> np.ndarray:
 def owner_keys(
     trajectories: int, seed: int, trajectory_keys: Sequence[int] | None, device: wp.Device
 ) -> tuple[wp.array, wp.array]:
-    """Seed and key of each trajectory, on the device, both of shape [trajectory]."""
-    chosen = range(trajectories) if trajectory_keys is None else trajectory_keys
-    owners = np.array(list(chosen), dtype=np.uint64)
-    if owners.shape != (trajectories,):
-        raise ValueError(f"trajectory_keys: expected {trajectories}, got {len(owners)}")
+    """Seed and key of each trajectory, on the device, both of shape [trajectory].
+
+    Raises:
+        ValueError: not one key for each trajectory, or a number that 64 bits do not hold.
+    """
+    chosen = list(range(trajectories) if trajectory_keys is None else trajectory_keys)
+    if len(chosen) != trajectories:
+        raise ValueError(f"trajectory_keys: expected {trajectories}, got {len(chosen)}")
+    for name, values in (("seed", [seed]), ("trajectory_keys", chosen)):
+        for value in values:
+            if not 0 <= value < 2**64:
+                raise ValueError(f"{name}: {value}, must be at least 0 and under 2**64")
+    owners = np.array(chosen, dtype=np.uint64)
     seeds = np.full(trajectories, seed, dtype=np.uint64)
     return wp.array(seeds, dtype=wp.uint64, device=device), wp.array(owners, dtype=wp.uint64, device=device)
 

@@ -126,6 +126,9 @@ def plan_survey(
         frames_from: time from which the imaging sonar records [s], one or one per trajectory; the profiling sonar
             records all along.
         seabed_z: height of the mean seabed [m], for altitudes.
+
+    Raises:
+        ValueError: no trajectory, or one that ends before its imaging sonar records.
     """
     starts = np.broadcast_to(np.asarray(frames_from, dtype=float), (len(trajectories),))
     return join_surveys(
@@ -143,6 +146,8 @@ def _survey_one(rig: Rig, trajectory: Trajectory, frames_from: float, seabed_z: 
         number = np.arange(int((stop - start) * rate + 1e-9) + 1)
         time = np.minimum(start + number / rate, stop)
         late = time >= begin - 1e-9
+        if not late.any():
+            raise ValueError(f"frames_from: {begin:g} s, must be at most {time[-1]:g} s, the run's last frame")
         return number[late], time[late]
 
     number, time = instants(rig.fls.rate, frames_from)

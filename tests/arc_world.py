@@ -108,6 +108,7 @@ class ArcWorld:
         )
         nx, ny, nz = self.counts.shape[1:]
         origin = wp.array(self.origin, dtype=wp.vec3, device=device)
+        size = wp.array([[nx, ny, nz]] * len(self.origin), dtype=wp.vec3i, device=device)
         contacts = struct(
             particles.Contacts,
             trajectory=wp.array(self.trajectory, dtype=int, device=device),
@@ -118,7 +119,7 @@ class ArcWorld:
         )
         return {
             "fan": fan,
-            "grid": struct(Grid, origin=origin, cell=self.cell, nx=nx, ny=ny, nz=nz),
+            "grid": struct(Grid, origin=origin, size=size, cell=self.cell, nx=nx, ny=ny, nz=nz),
             "mixture": struct(Mixture, **self.mixture),
             "reading": struct(particles.Reading, low=self.low, high=self.high, informed=self.informed),
             "contacts": contacts,

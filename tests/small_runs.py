@@ -1,5 +1,7 @@
 """Short runs of a small rig over the brick, for tests of the drivers."""
 
+from dataclasses import fields, replace
+
 import numpy as np
 import warp as wp
 
@@ -63,6 +65,20 @@ def collect(simulator, reconstructor, survey, schedule):
         images[frame[frame >= 0]] = round_images[frame >= 0]
         echoes[ping[ping >= 0]] = round_echoes[ping >= 0]
     return images, echoes
+
+
+def allocations(call):
+    """Warp's report of what a call allocated, on all devices."""
+    reports = []
+    with wp.ScopedMemoryTracker("call", report_func=reports.append) as tracker:
+        tracker.clear()
+        call()
+    return reports
+
+
+def none_of(instants):
+    """The same kind of frames or pings without any."""
+    return replace(instants, **{field.name: getattr(instants, field.name)[:0] for field in fields(instants)})
 
 
 def same_points(one, other, mask=None):

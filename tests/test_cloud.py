@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from sonarwarp import PointCloud
+from sonarwarp import PointCloud, read_cloud
 
 POINTS = np.array([[0.0, 1.0, 2.0], [3.0, 4.0, 5.0], [6.0, 7.0, 8.5]])
 
@@ -33,6 +33,34 @@ def test_ply_keeps_points_and_attributes(tmp_path):
     assert stored["quality"].dtype == np.int32
     assert stored["range"].tolist() == [1.5, 2.5, 3.5]
     assert stored["quality"].tolist() == [2, 1, 2]
+
+
+@pytest.mark.parametrize(("suffix", "write"), [(".ply", PointCloud.write_ply), (".npz", PointCloud.write_npz)])
+def test_what_is_written_is_read(tmp_path, suffix, write):
+    path = tmp_path / f"cloud{suffix}"
+    write(cloud(), path)
+    read = read_cloud(path)
+    # Exact in float32 too.
+    assert np.array_equal(read.points, POINTS)
+    assert set(read.attributes) == {"range", "quality"}
+    for name, values in cloud().attributes.items():
+        assert read.attributes[name].tolist() == values.tolist()
+        assert np.issubdtype(read.attributes[name].dtype, np.integer) == np.issubdtype(values.dtype, np.integer)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("cloud.xyz", b"0 0 0", r"cloud\.xyz: \.xyz, must be \.ply or \.npz"),
+        ("cloud.ply", b"ply\nformat", r"cloud\.ply: cannot be read as a cloud"),
+        ("cloud.npz", b"PK", r"cloud\.npz: cannot be read as a cloud"),
+    ],
+)
+def test_bad_files_are_refused_by_name(tmp_path, name, content, message):
+    path = tmp_path / name
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=message):
+        read_cloud(path)
 
 
 def test_bad_clouds_are_refused_by_name():

@@ -29,9 +29,10 @@ def make_model(**changed):
     return model
 
 
-def make_grid(device, origins=(ORIGIN,), cell=0.05, shape=SHAPE):
+def make_grid(device, origins=(ORIGIN,), cell=0.05, shape=SHAPE, sizes=None):
     grid = Grid()
     grid.origin = wp.array(origins, dtype=wp.vec3, device=device)
+    grid.size = wp.array([shape] * len(origins) if sizes is None else sizes, dtype=wp.vec3i, device=device)
     grid.cell = cell
     grid.nx, grid.ny, grid.nz = shape
     return grid
@@ -324,6 +325,23 @@ def test_trajectories_in_one_call_are_as_each_alone(device, threads):
 # --- Heights within the beam ---
 
 
+def test_a_box_in_larger_arrays_is_written_as_if_it_were_alone(device):
+    """What another trajectory needs must not give this one cells that it has not alone."""
+    size, model = (15, 20, 9), make_model(no_return=-0.3)
+    pings = Pings(random_pings(np.random.default_rng(41), 12))
+    counts = []
+    for grid in (make_grid(device, shape=size), make_grid(device, sizes=[size])):
+        log_odds = fields(grid)
+        pings.add(grid, model, [list(range(12))], log_odds)
+        counts.append(log_odds.numpy()[0])
+    alone, shared = counts
+    inside = tuple(slice(count) for count in size)
+    assert np.count_nonzero(alone) > 100
+    assert np.array_equal(shared[inside], alone)
+    shared[inside] = 0
+    assert not shared.any()
+
+
 @wp.kernel
 def span_kernel(
     start: wp.array(dtype=wp.vec3),
@@ -449,6 +467,21 @@ def test_reading_at_a_cell_s_centre_is_that_cell_clamped(device):
     np.testing.assert_allclose(got, np.clip(counts[0].ravel() / COUNTS, -4, 6), atol=3 * 10 * 4 * EPSILON / 0.05)
 
 
+@pytest.mark.parametrize("owner", [0, 1])
+def test_cells_beyond_a_box_are_unknown_whatever_its_arrays_hold(device, owner):
+    rng = np.random.default_rng(42)
+    grid, counts, log_odds, origins = random_fields(device, rng)
+    sizes = np.array([(4, 5, 2), (6, 3, 3)])
+    grid.size = wp.array(sizes, dtype=wp.vec3i, device=device)
+    points = origins[owner] + 0.05 * np.array([6, 5, 4]) * rng.uniform(-0.2, 1.2, (500, 3))
+    got = read(device, grid, log_odds, owner, points)
+    x, y, z = sizes[owner]
+    alone = make_grid(device, origins[[owner]], shape=tuple(sizes[owner]))
+    cropped = wp.array(counts[[owner], :x, :y, :z], dtype=int, device=device)
+    assert np.array_equal(got, read(device, alone, cropped, 0, points))
+    assert np.count_nonzero(got) > 100
+
+
 def test_what_is_unknown_is_a_coin_toss(device):
     grid = make_grid(device)
     assert occupancies(device, [0.0]).tolist() == [0.5]
@@ -537,13 +570,16 @@ def test_a_ping_is_added_or_taken_out(device, sign):
         field.update_field(make_grid(device), make_model(), sign=sign, **update_arrays(device), device=device)
 
 
-def test_a_grid_without_cells_of_some_size_or_without_origins_is_refused_by_name(device):
+def test_a_grid_without_cells_of_some_size_or_without_boxes_is_refused_by_name(device):
     with pytest.raises(ValueError, match=r"grid\.cell: must be above 0, got 0\.0"):
         field.update_field(make_grid(device, cell=0.0), make_model(), sign=1, **update_arrays(device), device=device)
     empty = Grid()
     empty.cell = 0.05
     with pytest.raises(ValueError, match=r"grid\.origin: expected a warp array, got NoneType"):
         field.update_field(empty, make_model(), sign=1, **update_arrays(device), device=device)
+    two = make_grid(device, sizes=[SHAPE, SHAPE])
+    with pytest.raises(ValueError, match=r"grid\.size: expected shape \(1,\), got \(2,\)"):
+        field.update_field(two, make_model(), sign=1, **update_arrays(device), device=device)
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,8 @@
 """Settings: every field out of its bounds is refused by name."""
 
+import re
+from dataclasses import fields
+
 import pytest
 
 import sonarwarp as sw
@@ -22,6 +25,25 @@ WRONG = [
 def test_wrong_fields_are_refused_by_name(build, message):
     with pytest.raises(ValueError, match=message):
         build()
+
+
+KINDS = (
+    *(sw.Noise, sw.Detection, sw.LikelihoodField, sw.RangeMixture, sw.ReconstructionSettings),
+    *(sw.FLS, sw.PS, sw.Mount),
+)
+NUMBERS = [
+    (kind, field.name)
+    for kind in KINDS
+    for field in fields(kind)
+    if isinstance(field.default, int | float) and not isinstance(field.default, bool)
+]
+
+
+@pytest.mark.parametrize(("kind", "name"), NUMBERS, ids=lambda part: getattr(part, "__name__", part))
+@pytest.mark.parametrize("wrong", [float("nan"), 1e12, -1e12])
+def test_no_number_may_be_anything(kind, name, wrong):
+    with pytest.raises(ValueError, match=re.escape(f"{kind.__name__}.{name}: {wrong:g} is outside")):
+        kind(**{name: wrong})
 
 
 def test_defaults_are_within_their_bounds():

@@ -58,6 +58,11 @@ def test_beams_that_touch_share_a_column(device):
         assert columns[first[beam] + fan.strips] == pytest.approx(fls.azimuth_edge[beam + 1])
 
 
+def test_beams_wider_than_half_a_degree_are_cut_into_strips():
+    for width_deg, strips in ((0.3, 1), (0.5, 1), (0.6, 2), (1.8, 4)):
+        assert sw.FLS(azimuth_edge=np.radians([0.0, width_deg])).strips == strips
+
+
 WRONG = [
     (lambda: sw.FLS(range_edge=np.array([1.0, 0.5])), r"FLS\.range_edge: 0\.5 follows 1, must ascend"),
     (lambda: sw.FLS(range_edge=np.array([0.0, 1.0])), r"FLS\.range_edge\[0\]: 0 is outside \[0\.01, 10000\]"),

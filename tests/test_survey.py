@@ -24,6 +24,15 @@ def test_rates_start_and_poses():
     assert np.allclose(pings.pose[:, 2], 1.8 + RIG.ps_mount.position[2])
 
 
+def test_a_run_that_ends_before_recording_begins_is_refused():
+    with pytest.raises(ValueError, match=r"frames_from: 3\.01 s, must be at most 3 s, the run's last frame"):
+        sw.plan_survey(RIG, [run(length=0.3)], frames_from=3.01)
+    assert len(sw.plan_survey(RIG, [run(length=0.3)], frames_from=3.0).frames) == 1
+    # The first run records from its start, the second from later on.
+    both = sw.plan_survey(RIG, [run(), run()], frames_from=[0.0, 2.0]).frames
+    assert [float(both.time[both.trajectory == index].min()) for index in (0, 1)] == [0.0, 2.0]
+
+
 def test_joined_surveys_number_their_trajectories_on():
     one, two = sw.plan_survey(RIG, [run()]), sw.plan_survey(RIG, [run(length=0.2), run()])
     joined = join_surveys([one, two])

@@ -25,6 +25,7 @@ def check_field(grid: Grid, name: str, log_odds: wp.array, device: Any) -> None:
     if not grid.cell > 0.0:
         raise ValueError(f"grid.cell: must be above 0, got {grid.cell}")
     check_array("grid.origin", grid.origin, (None,), wp.vec3, device)
+    check_array("grid.size", grid.size, (grid.origin.shape[0],), wp.vec3i, device)
     check_array(name, log_odds, (grid.origin.shape[0], grid.nx, grid.ny, grid.nz), wp.int32, device)
 
 
@@ -70,21 +71,24 @@ def add_ping(
     log_odds_out: wp.array4d(dtype=int),
 ):
     """Add a ping, times ``sign``, to every ``lane_count``-th column of one x of its trajectory's box."""
+    size = grid.size[owner]
+    if ix >= size[0]:
+        return
     corner = grid.origin[owner] + grid.cell * wp.vec3(float(ix) + 0.5, 0.5, 0.0)
     base = wp.transform_point(head_from_world, corner)
     across = wp.transform_vector(head_from_world, wp.vec3(0.0, 1.0, 0.0))
     rise = wp.transform_vector(head_from_world, wp.vec3(0.0, 0.0, 1.0))
     fan = wp.sin(model.half_fan)
     slope = wp.tan(wp.sqrt(2.0) * model.half_width)
-    height = float(grid.nz) * grid.cell
+    height = float(size[2]) * grid.cell
     # A head may be mounted either way up.
     shallower = wp.where(rise[1] < 0.0, -1.0, 1.0)
-    for iy in range(lane, grid.ny, lane_count):
+    for iy in range(lane, size[1], lane_count):
         start = base + float(iy) * grid.cell * across
         if wp.length(start - wp.dot(start, rise) * rise) < beam.behind:
             span = column_span(start, rise, height, slope)
             bottom = wp.max(int(wp.ceil(span[0] / grid.cell - 0.5)), 0)
-            top = wp.min(int(wp.floor(span[1] / grid.cell - 0.5)), grid.nz - 1)
+            top = wp.min(int(wp.floor(span[1] / grid.cell - 0.5)), size[2] - 1)
             for iz in range(bottom, top + 1):
                 point = start + (float(iz) + 0.5) * grid.cell * rise
                 distance = wp.length(point)
@@ -147,7 +151,7 @@ def update_field(
     All pings of one trajectory must stand in one row: cells belong to one row.
 
     Args:
-        grid: cells, with ``origin`` of shape [trajectory].
+        grid: cells, with ``origin`` and ``size`` of shape [trajectory]; no size above (nx, ny, nz).
         model: inverse sensor model.
         slot_ping: ping of each slot, ``EMPTY`` where empty, shape [row, slot].
         trajectory: owner of each ping, shape [ping].
@@ -181,10 +185,12 @@ def update_field(
 
 
 @wp.func
-def cell_log_odds(log_odds: wp.array4d(dtype=int), owner: int, ix: int, iy: int, iz: int, low: float, high: float):
-    """Clamped log-odds of one cell; 0, unknown, outside of the box."""
+def cell_log_odds(
+    log_odds: wp.array4d(dtype=int), size: wp.vec3i, owner: int, ix: int, iy: int, iz: int, low: float, high: float
+) -> float:
+    """Clamped log-odds of one cell; 0, unknown, outside of the trajectory's box of ``size`` cells."""
     inside = ix >= 0 and iy >= 0 and iz >= 0
-    inside = inside and ix < log_odds.shape[1] and iy < log_odds.shape[2] and iz < log_odds.shape[3]
+    inside = inside and ix < size[0] and iy < size[1] and iz < size[2]
     if not inside:
         return 0.0
     return wp.clamp(float(log_odds[owner, ix, iy, iz]) / FIXED_POINT, low, high)
@@ -195,6 +201,7 @@ def read_log_odds(
     grid: Grid, log_odds: wp.array4d(dtype=int), owner: int, point: wp.vec3, low: float, high: float
 ) -> float:
     """Trilinear log-odds between cell centres at a world ``point``, every cell clamped to [low, high]."""
+    size = grid.size[owner]
     place = (point - grid.origin[owner]) / grid.cell - wp.vec3(0.5, 0.5, 0.5)
     ix = int(wp.floor(place[0]))
     iy = int(wp.floor(place[1]))
@@ -216,7 +223,7 @@ def read_log_odds(
             wy = fy
         if dz == 1:
             wz = fz
-        total += wx * wy * wz * cell_log_odds(log_odds, owner, ix + dx, iy + dy, iz + dz, low, high)
+        total += wx * wy * wz * cell_log_odds(log_odds, size, owner, ix + dx, iy + dy, iz + dz, low, high)
     return total
 
 

@@ -41,9 +41,14 @@ class SceneTable:
 
 @wp.struct
 class Grid:
-    """Cells of the likelihood field, one box per trajectory, all of one size."""
+    """Cells of the likelihood field, one box per trajectory, in arrays that hold the largest one.
+
+    Nothing is written or read outside of a trajectory's own box: what its particles find there must not depend on
+    which others share the arrays.
+    """
 
     origin: wp.array(dtype=wp.vec3)  # [trajectory] world position of the lowest corner [m]
+    size: wp.array(dtype=wp.vec3i)  # [trajectory] cells of the box along x, y and z, at most nx, ny and nz
     cell: float  # edge length [m]
     nx: int
     ny: int
