@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import os
-from concurrent.futures import ThreadPoolExecutor, wait
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from functools import cache
 from typing import Any
 
@@ -109,7 +109,15 @@ def launch(
     def run(start: int, stop: int) -> None:
         wp.launch(kernel, (stop - start, *dim[1:]), inputs=[start, *inputs], outputs=outputs, device=device)
 
-    jobs = [_pool(threads).submit(run, start, stop) for start, stop in itertools.pairwise(bounds)]
-    wait(jobs)
+    jobs: list[Future[None]] = []
+    try:
+        for start, stop in itertools.pairwise(bounds):
+            jobs.append(_pool(threads).submit(run, start, stop))
+        wait(jobs)
+    finally:
+        # Interrupted, the caller would free the meshes that kernels still trace.
+        for job in jobs:
+            job.cancel()
+        wait(jobs)
     for job in jobs:
         job.result()
