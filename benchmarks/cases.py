@@ -21,6 +21,10 @@ class Case:
     """Sonars and mounts."""
     noise: sw.Noise = field(default_factory=sw.Noise)
     """Added to the echoes."""
+    motion: sw.Motion = field(default_factory=sw.Motion)
+    """Waves on each run."""
+    navigation: sw.Navigation = field(default_factory=sw.Navigation)
+    """Errors of instruments and mounts."""
     settings: sw.ReconstructionSettings = field(default_factory=sw.ReconstructionSettings)
     """Reconstruction."""
     trajectories: int = 1

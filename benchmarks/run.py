@@ -44,16 +44,18 @@ class _Batch:
 
 def _plan(case: Case, device: str, seed: int, memory: int) -> _Batch:
     deployment = case.deployment()
-    survey = sw.plan_survey(case.rig, [deployment.trajectory] * case.trajectories, frames_from=deployment.frames_from)
-    reconstructor = sw.Reconstructor(case.rig, settings=case.settings, device=device)
-    schedule = sw.plan_schedule(
-        survey,
-        frames=sw.frames_per_round(case.rig, memory),
-        window=reconstructor.window,
-        causal=case.settings.causal,
+    truth, survey = sw.plan_disturbed(
+        case.rig,
+        [deployment.trajectory] * case.trajectories,
+        motion=case.motion,
+        navigation=case.navigation,
+        seed=seed,
+        frames_from=deployment.frames_from,
     )
+    reconstructor = sw.Reconstructor(case.rig, settings=case.settings, device=device)
+    schedule = reconstructor.plan_schedule(survey, frames=sw.frames_per_round(case.rig, memory))
     simulator = sw.Simulator(case.rig, noise=case.noise, device=device)
-    simulator.plan(survey, [deployment.scene], schedule, seed=seed)
+    simulator.plan(truth, [deployment.scene], schedule, seed=seed)
     reconstructor.plan(survey, schedule, seed=seed)
     return _Batch(simulator, reconstructor, len(survey.frames), len(survey.pings), schedule.rounds)
 
@@ -72,7 +74,7 @@ def measure(
     Args:
         case: what to run.
         device: Warp device.
-        seed: of noise and particles.
+        seed: of noise, motion, navigation errors and particles.
         repeats: timed passes.
         memory: bytes of a round's images and scratch.
         watch: told what is going on.

@@ -21,7 +21,7 @@ _LAUNCHERS: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
     ("profile", profile, ("detect_profile",)),
     ("field", field, ("update_field",)),
     ("particles", estimate, ("estimate_points",)),
-    ("slots", slots, ("load_slots", "load_poses", "gather_rows", "scatter_rows", "next_round")),
+    ("slots", slots, ("load_slots", "load_poses", "load_noise", "gather_rows", "scatter_rows", "next_round")),
 )
 
 

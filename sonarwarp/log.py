@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from sonarwarp.schedule import EMPTY
-from sonarwarp.survey import Survey
+from sonarwarp.survey import Survey, check_same_rows
 
 
 class Log(Protocol):
@@ -16,7 +16,12 @@ class Log(Protocol):
 
     @property
     def survey(self) -> Survey:
-        """Rig, times and navigation poses."""
+        """Rig, times and the poses that navigation gives: all that a reconstruction may know of where it was."""
+        ...
+
+    @property
+    def truth(self) -> Survey | None:
+        """The same frames and pings with their true poses, of a simulation; to judge by, never to reconstruct from."""
         ...
 
     def images_of(self, frames: np.ndarray) -> np.ndarray:
@@ -41,7 +46,7 @@ class SonarLog:
     """Images and echo profiles with the survey that took them, in memory."""
 
     survey: Survey
-    """Rig, times and navigation poses."""
+    """Rig, times and the poses that navigation gives."""
 
     images: np.ndarray
     """FLS echo amplitude, float32, shape [frame, beam, bin]."""
@@ -49,10 +54,15 @@ class SonarLog:
     echoes: np.ndarray
     """PS echo amplitude, float32, shape [ping, bin]."""
 
+    truth: Survey | None = None
+    """The same frames and pings with their true poses, of a simulation."""
+
     def __post_init__(self) -> None:
         rig = self.survey.rig
         check_amplitudes("SonarLog.images", self.images, (len(self.survey.frames), rig.fls.beams, rig.fls.bins))
         check_amplitudes("SonarLog.echoes", self.echoes, (len(self.survey.pings), rig.ps.bins))
+        if self.truth is not None:
+            check_same_rows("SonarLog.truth", self.truth, "survey", self.survey)
 
     def images_of(self, frames: np.ndarray) -> np.ndarray:
         """As :meth:`Log.images_of`."""

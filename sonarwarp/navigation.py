@@ -28,7 +28,10 @@ _MOTION, _TRACK, _DEPTH, _ATTITUDE, _ALTITUDE, _HEAD, _MOUNTS = range(7)
 
 @dataclass(frozen=True, kw_only=True)
 class Motion:
-    """Sinusoids on a planned run, their phases drawn per run. All defaults ours, for a small hovering AUV."""
+    """Sinusoids on a planned run, their phases drawn per run; an amplitude of 0 switches one off.
+
+    All defaults are ours, for a small hovering AUV in a slight swell: the paper gives no motion of its vehicle.
+    """
 
     heave: float = 0.03
     """Amplitude of heave [m]."""
@@ -51,12 +54,22 @@ class Motion:
         for name in ("heave_period", "tilt_period", "yaw_period"):
             in_range(f"Motion.{name}", getattr(self, name), 0.1, 1e6)
 
+    @property
+    def still(self) -> bool:
+        """Whether no part is on."""
+        return not (self.heave or self.roll_deg or self.pitch_deg or self.yaw_deg)
+
+
+NO_MOTION = Motion(heave=0.0, roll_deg=0.0, pitch_deg=0.0, yaw_deg=0.0)
+"""Runs as they are planned."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Navigation:
-    """Errors of the vehicle's instruments, standard deviations unless said otherwise.
+    """Errors of the vehicle's instruments, standard deviations unless said otherwise; 0 switches a part off.
 
-    The DVL's are the paper's (section 3.3: 0.2 % and 0.1 cm/s); the rest is ours.
+    The DVL's are the paper's (section 3.3: 0.2 % and 0.1 cm/s). The rest is ours: what a pressure meter, a fibre-optic
+    gyroscope and an altimeter of a small AUV are sold with, and what a tape measure and a bracket leave of the mounts.
     """
 
     dvl_scale: float = 0.002
@@ -87,6 +100,24 @@ class Navigation:
             in_range(f"Navigation.{name}", getattr(self, name), 0.0, 10.0)
         in_range("Navigation.fix_rate", self.fix_rate, 0.1, 1e3)
 
+    @property
+    def reckons_exactly(self) -> bool:
+        """Whether the vehicle's pose has no error; altitude, head and mounts may have."""
+        return not (self.dvl_scale or self.dvl_noise or self.dvl_bias or self.depth or self.attitude_deg)
+
+
+EXACT_NAVIGATION = Navigation(
+    dvl_scale=0.0,
+    dvl_noise=0.0,
+    depth=0.0,
+    attitude_deg=0.0,
+    altitude=0.0,
+    head_angle_deg=0.0,
+    lever_arm=0.0,
+    boresight_deg=0.0,
+)
+"""Instruments and mounts without error: what is believed is true."""
+
 
 def _random(seed: int, key: int, stream: int) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(key, stream)))
@@ -101,6 +132,8 @@ def moved(planned: Trajectory, motion: Motion, *, seed: int, key: int = 0) -> Tr
         seed: of the phases.
         key: what names the run.
     """
+    if motion.still:
+        return planned
     start, stop = planned.times[0], planned.times[-1]
     times = np.linspace(start, stop, max(math.ceil((stop - start) / _STEP), 1) + 1)
     phase = _random(seed, key, _MOTION).uniform(0.0, 2.0 * math.pi, 4)
@@ -123,6 +156,8 @@ def moved(planned: Trajectory, motion: Motion, *, seed: int, key: int = 0) -> Tr
 
 def navigated(truth: Trajectory, navigation: Navigation, *, seed: int, key: int = 0) -> Trajectory:
     """What dead reckoning believes of a run: exact at its start but for depth and attitude, drifting from there."""
+    if navigation.reckons_exactly:
+        return truth
     start, stop = truth.times[0], truth.times[-1]
     times = np.append(np.arange(start, stop, 1.0 / navigation.fix_rate), stop)
     poses = truth.at(times)
@@ -146,14 +181,16 @@ def plan_disturbed(
     rig: Rig,
     planned: Sequence[Trajectory],
     *,
-    motion: Motion,
-    navigation: Navigation,
-    seed: int,
+    motion: Motion = NO_MOTION,
+    navigation: Navigation = EXACT_NAVIGATION,
+    seed: int = 0,
     keys: Sequence[int] | None = None,
     frames_from: Sequence[float] | float = -math.inf,
     seabed_z: float = 0.0,
 ) -> tuple[Survey, Survey]:
     """Surveys of some runs as they were and as navigation believes them: simulate the first, reconstruct the second.
+
+    Without motion and errors both are what ``plan_survey`` gives, to the bit.
 
     Args:
         rig: sonars and mounts as they are believed to be.
@@ -164,8 +201,15 @@ def plan_disturbed(
         keys: what names each run; its index by default.
         frames_from: time from which the FLS records [s], one or one per run.
         seabed_z: height of the mean seabed [m].
+
+    Raises:
+        ValueError: as ``plan_survey``; a seed or key outside 64 bits; an altitude that is not above 0 once the vehicle
+            has moved.
     """
     names = range(len(planned)) if keys is None else keys
+    for key in names:
+        in_range("keys", key, 0, 2**64 - 1)
+    in_range("seed", seed, 0, 2**64 - 1)
     starts = np.broadcast_to(np.asarray(frames_from, dtype=float), (len(planned),))
     true, believed = [], []
     for run, key, start in zip(planned, names, starts, strict=True):

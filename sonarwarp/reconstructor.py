@@ -4,36 +4,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import warp as wp
 
 from sonarwarp import specs
+from sonarwarp.carving import Carver
 from sonarwarp.cloud import PointCloud
+from sonarwarp.clouds import Clouds, contact_cloud, single_cloud
 from sonarwarp.field_box import plan_grid
 from sonarwarp.log import Log
 from sonarwarp.schedule import EMPTY, Schedule, check_schedule, frames_per_round, plan_schedule
+from sonarwarp.seabed_echo import seabed_echo
 from sonarwarp.settings import ReconstructionSettings
-from sonarwarp.simulator import MEMORY, owner_keys, seabed_echo
+from sonarwarp.simulator import MEMORY, owner_keys
 from sonarwarp.sonar import Rig
 from sonarwarp.survey import Survey
 from sonarwarp_kernels import critical, estimate, field, geometry, keys, particles, profile, roi, slots
 from sonarwarp_kernels.launch import check_array, cpu_threads
-
-QUALITIES = {0: "none", 1: "fallback", 2: "informed"}
-"""Meaning of the clouds' attribute ``quality``."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Clouds:
-    """Both methods' points from one pass over the same critical points."""
-
-    fused: PointCloud
-    """Most likely points of both sonars' fusion."""
-
-    single: PointCloud
-    """The single-sonar method's points: every critical point at the beam's lower edge."""
 
 
 class Reconstructor:
@@ -64,6 +52,15 @@ class Reconstructor:
         """Pings of a trajectory that its field remembers."""
         return max(round(self.settings.likelihood_field.window_sweeps * self.rig.ps.pings_per_sweep), 1)
 
+    def plan_schedule(self, survey: Survey, *, frames: int) -> Schedule:
+        """Order a survey as this reconstruction wants it: causal or not, with its window.
+
+        Args:
+            survey: what was recorded.
+            frames: most frames in a round.
+        """
+        return plan_schedule(survey, frames=frames, window=self.window, causal=self.settings.causal)
+
     def plan(
         self,
         survey: Survey,
@@ -76,7 +73,7 @@ class Reconstructor:
 
         Args:
             survey: frames and pings, with the poses that navigation gives.
-            schedule: which frames and pings each round brings, made with this reconstructor's ``window``.
+            schedule: which frames and pings each round brings, made by :meth:`plan_schedule`.
             seed: of the particles.
             trajectory_keys: what names each trajectory wherever it stands in a batch; its index by default.
 
@@ -109,6 +106,11 @@ class Reconstructor:
         self._footprint = wp.full((len(pings), count), profile.NO_FOOTPRINT, dtype=wp.vec3, device=device)
         shape = (survey.trajectories, self.grid.nx, self.grid.ny, self.grid.nz)
         self.log_odds = wp.zeros(shape, dtype=int, device=device)
+        self._carver = None
+        if settings.method == "carved":
+            self._carver = Carver(
+                survey, settings, self.grid, self.contacts, self._world_from_head, self._footprint, self.threads
+            )
 
     def _seabed_level(self) -> float:
         """The weakest echo that a flat seabed can leave where the beams meet it: at the window's end."""
@@ -159,6 +161,7 @@ class Reconstructor:
             threads=self.threads,
         )
         self.contacts = contacts
+        self._every_frame = wp.array(np.arange(len(frames)), dtype=int, device=device)
         self._estimates = estimate.Estimates()
         for name, dtype in estimate.ESTIMATE_TYPES.items():
             setattr(self._estimates, name, wp.zeros(shape, dtype=dtype, device=device))
@@ -219,19 +222,31 @@ class Reconstructor:
                 self.log_odds,
                 **on,
             )
+        if self.settings.causal:
+            self._estimate(self._slots["epoch_frame"])
+        slots.next_round(self._epoch, device=self.device)
+
+    def _estimate(self, slot_frame: wp.array) -> None:
         estimate.estimate_points(
             self._fan,
             self.grid,
             self._mixture,
             self._reading,
             self.contacts,
-            self._slots["epoch_frame"],
+            slot_frame,
             self.log_odds,
             self.settings.particles,
             self._estimates,
-            **on,
+            device=self.device,
+            threads=self.threads,
         )
-        slots.next_round(self._epoch, device=self.device)
+
+    def conclude(self) -> None:
+        """Weigh everything worked in so far together; only launches. Causal work has been weighed as it came."""
+        if self._carver is not None:
+            self._carver.conclude(self.log_odds, self._reading, self._estimates)
+        elif not self.settings.causal:
+            self._estimate(self._every_frame)
 
     @property
     def footprints(self) -> wp.array:
@@ -249,48 +264,24 @@ class Reconstructor:
 
     def read(self) -> Clouds:
         """Clouds of everything worked in so far."""
-        found = self._estimates.quality.numpy() != int(estimate.QUALITY_NONE)
-        frame, beam = np.nonzero(found)
-        edge = wp.zeros(found.shape, dtype=wp.vec3, device=self.device)
+        self.conclude()
+        contacts = self.contacts
+        edge = wp.zeros(contacts.critical_range.shape, dtype=wp.vec3, device=self.device)
         estimate.place_at_lower_edge(
             self._fan,
-            self.contacts.world_from_sensor,
-            self.contacts.critical_range,
+            contacts.world_from_sensor,
+            contacts.critical_range,
             edge,
             device=self.device,
             threads=self.threads,
         )
-        frames = self.survey.frames
-        common = {
-            "trajectory": frames.trajectory[frame].astype(np.int32),
-            "frame": frames.number[frame].astype(np.int32),
-            "beam": beam.astype(np.int32),
-            "time": frames.time[frame],
-            "range": self.contacts.critical_range.numpy()[found],
-            "azimuth": self.rig.fls.azimuth[beam],
-        }
-        lower = np.full(len(frame), -self.rig.fls.half_elevation)
-        fused = common | {
-            name: getattr(self._estimates, name).numpy()[found]
-            for name in ("elevation", "elevation_mean", "elevation_deviation", "effective_size", "quality")
-        }
-        covariance = self._estimates.covariance.numpy()[found]
-        for name, row, column in _COVARIANCE:
-            fused[name] = covariance[:, row, column]
-        return Clouds(
-            fused=PointCloud(points=self._estimates.likely.numpy()[found], attributes=fused),
-            single=PointCloud(points=edge.numpy()[found], attributes=common | {"elevation": lower}),
-        )
-
-
-_COVARIANCE = (
-    ("covariance_xx", 0, 0),
-    ("covariance_yy", 1, 1),
-    ("covariance_zz", 2, 2),
-    ("covariance_xy", 0, 1),
-    ("covariance_xz", 0, 2),
-    ("covariance_yz", 1, 2),
-)
+        critical_range = contacts.critical_range.numpy()
+        estimates = {name: getattr(self._estimates, name).numpy() for name in estimate.ESTIMATE_TYPES}
+        quality = estimates["quality"] if self._carver is None else self._carver.quality.numpy()
+        fused = contact_cloud(self.survey, critical_range, quality, estimates)
+        if self._carver is not None:
+            fused = PointCloud.join(fused, self._carver.faces())
+        return Clouds(fused=fused, single=single_cloud(self.survey, critical_range, edge.numpy()))
 
 
 def reconstruct(
@@ -316,12 +307,7 @@ def reconstruct(
     """
     survey = log.survey
     reconstructor = Reconstructor(survey.rig, settings=settings, device=device, threads=threads)
-    schedule = plan_schedule(
-        survey,
-        frames=frames_per_round(survey.rig, memory),
-        window=reconstructor.window,
-        causal=reconstructor.settings.causal,
-    )
+    schedule = reconstructor.plan_schedule(survey, frames=frames_per_round(survey.rig, memory))
     reconstructor.plan(survey, schedule, seed=seed)
     for frame, ping in zip(schedule.round_frame, schedule.round_ping, strict=True):
         images = wp.array(log.images_of(frame), dtype=float, device=reconstructor.device)

@@ -14,16 +14,26 @@ from sonarwarp.checks import in_range
 
 @dataclass(frozen=True, kw_only=True)
 class Noise:
-    """Noise on the echo amplitudes of both sonars, independent between sonars, frames, beams and bins."""
+    """Noise on the echo amplitudes of both sonars, independent between sonars, beams and bins.
+
+    Speckle is correlated along the track, the background independent from frame to frame.
+    """
 
     speckle: bool = True
-    """Rayleigh speckle of unit mean on every bin."""
+    """Rayleigh speckle of unit mean on every bin: Eq. 36 gives an amplitude (Goodman, Speckle Phenomena in Optics)."""
+
+    speckle_length: float = 0.01
+    """Way of a sonar over which its speckle's complex correlation falls to 1/pi [m], and to 0 over twice that; 0 for
+    speckle independent from frame to frame. Ours: a sonar that moves ahead carries its bins over the seabed, and after
+    one bin of 1 cm they hold other scatterers. Moved sideways it would take half the aperture (Burckhardt 1978; Trahey
+    et al. 1986), 8 cm for 0.3 deg at 1.8 MHz, which would be the longer. A turn by one beamwidth counts as much."""
 
     background_db: float | None = -25.0
     """Mean of the additive Rayleigh background over the flat seabed's echo, at r_emin for the FLS and on the axis of a
     head in mid-sector for the PS [dB]; None for none. Ours."""
 
     def __post_init__(self) -> None:
+        in_range("Noise.speckle_length", self.speckle_length, 0.0, 100.0)
         if self.background_db is not None:
             in_range("Noise.background_db", self.background_db, -200.0, 60.0)
 
@@ -88,8 +98,8 @@ class LikelihoodField:
     cell: float = 0.02
     """Edge length of a cell [m]. Ours: the field brick is 15 cm deep."""
 
-    hit: float = 2.0
-    """Log-odds that a ping adds on a footprint's ridge. Ours."""
+    hit: float = 4.0
+    """Log-odds that a ping adds on a footprint's ridge. Ours: the slow PS of the field passes a wall twice."""
 
     miss: float = -2.0
     """Log-odds that a ping adds in front of its first footprint. Ours: a cell is passed once or twice per sweep."""
@@ -97,13 +107,13 @@ class LikelihoodField:
     no_return: float = 0.0
     """Log-odds that a ping without any footprint adds. Ours: a weak echo missed must not pierce a surface."""
 
-    range_deviation: float = 0.02
-    """Standard deviation of a ridge along range [m]. Ours: two bins of 1 cm."""
+    range_deviation: float = 0.01
+    """Standard deviation of a ridge along range [m]. Ours: one bin."""
 
-    low: float = -4.0
+    low: float = -6.0
     """Lower clamp of log-odds when read. Ours."""
 
-    high: float = 6.0
+    high: float = 8.0
     """Upper clamp of log-odds when read. Ours."""
 
     informed: float = 0.5
@@ -166,18 +176,117 @@ class RangeMixture:
 
 
 @dataclass(frozen=True, kw_only=True)
+class FreeSpace:
+    """Water that the imaging sonar proves empty, and contacts placed by it. Ours: the paper has no such step.
+
+    The defaults were chosen on the brick and on pairs of wedges, with and without noise, three seeds each.
+    """
+
+    reach: float = 0.1
+    """Free depths are kept within +- this [m]."""
+
+    guard: float = 0.05
+    """A beam without a critical point is free up to this far before r_emin [m]; as ``Detection.guard``."""
+
+    margin_deg: float = 0.25
+    """Part of a beam's elevation that proves nothing, at either edge [deg]: boresight and attitude err by 0.2 deg."""
+
+    deviation: float = 0.015
+    """Standard deviation of a contact's free depth about the least on its arc [m]. Sharper ones follow the wedge that
+    consecutive arcs leave in doubt."""
+
+    least_height: float = 0.06
+    """Least height over the seabed of a contact that gives a point [m]: a seabed of 1 cm RMS, an altitude wrong by 1 cm
+    and a tilt wrong by 0.3 deg add up to 3 cm at 5 m."""
+
+    informed_deg: float = 1.5
+    """Most standard deviation of elevation of an informed point [deg]."""
+
+    hypotheses: int = 128
+    """Places on each arc, 0.11 deg apart in the paper's beam. Ours: half a cell at 4 m."""
+
+    stray_points: int = 3
+    """Fewest points in the 27 cells around a point that stays."""
+
+    stray_share: float = 0.15
+    """Fewest of them over the most around a place two cells off."""
+
+    def __post_init__(self) -> None:
+        in_range("FreeSpace.reach", self.reach, 1e-3, 10.0)
+        in_range("FreeSpace.guard", self.guard, 0.0, 10.0)
+        in_range("FreeSpace.margin_deg", self.margin_deg, 0.0, 45.0)
+        in_range("FreeSpace.deviation", self.deviation, 1e-4, 10.0)
+        in_range("FreeSpace.least_height", self.least_height, 0.0, 10.0)
+        in_range("FreeSpace.informed_deg", self.informed_deg, 0.0, 90.0)
+        in_range("FreeSpace.hypotheses", self.hypotheses, 1, 1 << 20)
+        in_range("FreeSpace.stray_points", self.stray_points, 0, 1000)
+        in_range("FreeSpace.stray_share", self.stray_share, 0.0, 1.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Faces:
+    """Steep faces that the profiling sonar saw under the imaging sonar's contacts. Ours throughout."""
+
+    compact: float = 0.9
+    """Most spread of a face's footprint over the width of the beam there: an incline of 48 degrees to the beam."""
+
+    spacing: float = 0.02
+    """Distance between points on a face [m]."""
+
+    in_doubt: float = 0.02
+    """Most free depth of a place that may be a face [m]."""
+
+    before: float = 0.06
+    """How far before a face the contacts over it may stand [m]: both sonars' places differ by their mounts' errors."""
+
+    behind: float = 0.15
+    """How far behind it [m]: a face of 60 degrees recedes so much over 26 cm of height."""
+
+    window_along: float = 0.12
+    """How far before or behind a footprint those stand that its face's line goes through [m]."""
+
+    window_height: float = 0.25
+    """How far above or below it [m]."""
+
+    deviation: float = 0.015
+    """Standard deviation of a footprint from its face [m]."""
+
+    def __post_init__(self) -> None:
+        in_range("Faces.compact", self.compact, 0.0, 10.0)
+        in_range("Faces.spacing", self.spacing, 1e-3, 10.0)
+        in_range("Faces.in_doubt", self.in_doubt, -10.0, 10.0)
+        for name in ("before", "behind"):
+            in_range(f"Faces.{name}", getattr(self, name), 0.0, 10.0)
+        for name in ("window_along", "window_height", "deviation"):
+            in_range(f"Faces.{name}", getattr(self, name), 1e-3, 10.0)
+
+
+@dataclass(frozen=True, kw_only=True)
 class ReconstructionSettings:
     """Everything that a reconstruction can be told."""
 
     detection: Detection = field(default_factory=Detection)
     likelihood_field: LikelihoodField = field(default_factory=LikelihoodField)
     mixture: RangeMixture = field(default_factory=RangeMixture)
+    free_space: FreeSpace = field(default_factory=FreeSpace)
+    faces: Faces = field(default_factory=Faces)
+
+    method: Literal["carved", "paper"] = "carved"
+    """``paper``: particles weighed by the PS's field alone, points of the FLS only. ``carved``: elevations also by what
+    the FLS proves empty, strays taken out, and faces that the PS sees added."""
 
     particles: int = 256
-    """Hypotheses per beam. Ours."""
+    """Particles per beam of the paper's method. Ours."""
 
-    causal: bool = True
-    """Whether a frame is weighed against the pings before it only (online), or against all of them (offline)."""
+    causal: bool = False
+    """Whether a frame is weighed against the pings before it only (online), or against all of them (offline). Online is
+    for the paper's method: what a contact leaves in doubt, later frames decide."""
 
     def __post_init__(self) -> None:
+        if self.method not in ("carved", "paper"):
+            raise ValueError(f"ReconstructionSettings.method: {self.method!r}, must be 'carved' or 'paper'")
+        if self.causal and self.method != "paper":
+            raise ValueError(
+                f"ReconstructionSettings.causal: true, needs method = 'paper': {self.method!r} weighs the whole log"
+            )
         in_range("ReconstructionSettings.particles", self.particles, 1, 1 << 20)

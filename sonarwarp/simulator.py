@@ -10,41 +10,21 @@ import numpy as np
 import warp as wp
 
 from sonarwarp.log import SonarLog
+from sonarwarp.navigation import EXACT_NAVIGATION, NO_MOTION, Motion, Navigation, plan_disturbed
 from sonarwarp.scene_table import DeviceScenes, scene_of_trajectory
 from sonarwarp.schedule import Schedule, check_schedule, frames_per_round, plan_schedule
+from sonarwarp.seabed_echo import seabed_echo
 from sonarwarp.settings import NO_NOISE, Noise
 from sonarwarp.sonar import Rig
-from sonarwarp.survey import Frames, Pings, Survey, group_rows, plan_survey
+from sonarwarp.speckle import speckle_knots
+from sonarwarp.survey import Frames, Pings, Survey, group_rows
 from sonarwarp_kernels import echo, forming, geometry, keys, noise, slots
 from sonarwarp_kernels.launch import cpu_threads
 from sonarwarp_kernels.specs import Fan
 from sonarwarp_scenes import Scene, Trajectory
 
-SAND_REFLECTION = 0.35
-"""Reflection of the seabed that the background is measured against: sand in water."""
-
 MEMORY = 64 << 20
 """Bytes of images and scratch that a round may take, unless told otherwise."""
-
-
-def seabed_echo(fan: Fan, altitude: float, depression: float, half_width: float) -> float:
-    """Amplitude that a flat sandy seabed leaves in one bin, where a beam of ``half_width`` [rad] meets it.
-
-    Closed form of Eq. 36 over a plane: the share of the beam within one bin, times the echo there.
-
-    Args:
-        fan: the sonar, for its amplitude and bins.
-        altitude: of the sonar [m].
-        depression: of the ray towards the seabed [rad].
-        half_width: half the beamwidth in the vertical plane [rad].
-    """
-    edges = fan.range_edge.numpy()
-    # A grazing or a vertical ray has no echo that anything could be measured against.
-    depression = min(max(depression, 0.05), math.pi / 2 - 0.05)
-    distance = altitude / math.sin(depression)
-    bin_width = float(edges[-1] - edges[0]) / (len(edges) - 1)
-    share = min(bin_width * math.tan(depression) / distance / (2.0 * half_width), 1.0)
-    return share * fan.amplitude * SAND_REFLECTION * math.sin(depression) ** 2 / distance**2
 
 
 @dataclass
@@ -63,6 +43,10 @@ class _Buffers:
     scratch: forming.Scratch
     counts: wp.array
     speckle: wp.array
+    knot_keys: wp.array
+    slot_knot_keys: wp.array
+    blend: wp.array
+    slot_blend: wp.array
     background: wp.array
     slot_background: wp.array
     image: wp.array
@@ -119,11 +103,12 @@ class Simulator:
         self._owner_keys = owner_keys(trajectories, seed, trajectory_keys, self.device)
         frames, pings = survey.frames, survey.pings
         fls, ps = self.rig.fls, self.rig.ps
-        altitude = _altitudes(survey)
+        altitude, length = _altitudes(survey), self.noise.speckle_length
         edge = math.radians(self.rig.fls_mount.tilt_deg) + fls.half_elevation
         self._fls = self._allocate(
             fls.fan(self.device),
             frames,
+            speckle_knots(frames.pose, frames.trajectory, length, float(np.median(np.diff(fls.azimuth_edge)))),
             keys.FLS_FRAMES,
             owner_scene,
             schedule.round_frame,
@@ -133,6 +118,7 @@ class Simulator:
         self._ps = self._allocate(
             ps.fan(self.device),
             pings,
+            speckle_knots(pings.head_pose, pings.trajectory, length, math.radians(ps.beamwidth_deg)),
             keys.PS_PINGS,
             owner_scene,
             schedule.round_ping,
@@ -153,19 +139,17 @@ class Simulator:
         self,
         fan: Fan,
         instants: Frames | Pings,
+        knots: tuple[np.ndarray, np.ndarray],
         sonar: int,
         owner_scene: np.ndarray,
         table: np.ndarray,
         background: np.ndarray,
     ) -> _Buffers:
-        device, count, slot_count = self.device, len(instants), table.shape[1]
+        device, slot_count = self.device, table.shape[1]
         trajectory = instants.trajectory
-        seeds, owners = self._owner_keys
-        key = wp.zeros(count, dtype=wp.uint64, device=device)
-        index = wp.array(trajectory, dtype=int, device=device)
-        keys.frame_keys(
-            seeds, owners, index, wp.array(instants.number, dtype=int, device=device), sonar, key, device=device
-        )
+        knot, blend = knots
+        between = np.stack([knot, knot + 1], axis=-1)
+        knot_keys = self._keys(np.repeat(trajectory, 2), between.ravel(), sonar).reshape(between.shape)
         scratch = forming.Scratch()
         for name, (shape, dtype) in forming.scratch_shapes(fan, slot_count).items():
             setattr(scratch, name, wp.zeros(shape, dtype=dtype, device=device))
@@ -173,7 +157,7 @@ class Simulator:
         return _Buffers(
             fan=fan,
             pose=wp.array(instants.pose, dtype=wp.transform, device=device),
-            key=key,
+            key=self._keys(trajectory, instants.number, sonar),
             scene=wp.array(owner_scene[trajectory], dtype=int, device=device),
             table=wp.array(table, dtype=int, device=device),
             slot=wp.zeros(slot_count, dtype=int, device=device),
@@ -183,10 +167,20 @@ class Simulator:
             scratch=scratch,
             counts=wp.zeros((slot_count, beams, bins), dtype=int, device=device),
             speckle=wp.full(slot_count, int(self.noise.speckle), dtype=int, device=device),
-            background=wp.array(background[trajectory][:, None], dtype=float, device=device),
-            slot_background=wp.zeros((slot_count, 1), dtype=float, device=device),
+            knot_keys=knot_keys,
+            slot_knot_keys=wp.zeros((slot_count, 2), dtype=wp.uint64, device=device),
+            blend=wp.array(blend, dtype=float, device=device),
+            slot_blend=wp.zeros(slot_count, dtype=float, device=device),
+            background=wp.array(background[trajectory], dtype=float, device=device),
+            slot_background=wp.zeros(slot_count, dtype=float, device=device),
             image=wp.zeros((slot_count, beams, bins), dtype=float, device=device),
         )
+
+    def _keys(self, trajectory: np.ndarray, number: np.ndarray, sonar: int) -> wp.array:
+        key = wp.zeros(len(number), dtype=wp.uint64, device=self.device)
+        owner, which = (wp.array(values, dtype=int, device=self.device) for values in (trajectory, number))
+        keys.frame_keys(*self._owner_keys, owner, which, sonar, key, device=self.device)
+        return key
 
     def step(self) -> None:
         """Form the next round's images and echoes; only launches, so a graph can capture it."""
@@ -210,7 +204,16 @@ class Simulator:
             sonar.slot_scene,
             device=self.device,
         )
-        slots.gather_rows(sonar.slot, sonar.background, sonar.slot_background, device=self.device)
+        slots.load_noise(
+            sonar.slot,
+            sonar.knot_keys,
+            sonar.blend,
+            sonar.background,
+            sonar.slot_knot_keys,
+            sonar.slot_blend,
+            sonar.slot_background,
+            device=self.device,
+        )
         echo.form_echoes(
             sonar.fan,
             self._scenes.table,
@@ -226,7 +229,9 @@ class Simulator:
             sonar.fan.fixed_point,
             sonar.slot_key,
             sonar.speckle,
-            sonar.slot_background.reshape((sonar.slot.shape[0],)),
+            sonar.slot_knot_keys,
+            sonar.slot_blend,
+            sonar.slot_background,
             sonar.image,
             **on,
         )
@@ -289,6 +294,8 @@ def simulate(
     *,
     frames_from: float | Sequence[float] = -math.inf,
     noise: Noise = NO_NOISE,
+    motion: Motion = NO_MOTION,
+    navigation: Navigation = EXACT_NAVIGATION,
     seed: int = 0,
     device: str | None = None,
     threads: int | None = None,
@@ -296,20 +303,26 @@ def simulate(
 ) -> SonarLog:
     """Simulate a rig along one or more trajectories, all images kept in memory.
 
+    The log's survey is what navigation believes, its truth is where the sonars were.
+
     Args:
         rig: sonars and mounts.
         scene: one for all trajectories, or one each.
-        trajectory: one or more.
+        trajectory: what is asked of the vehicle, one or more.
         frames_from: time from which the FLS records [s].
         noise: added to the echoes.
-        seed: of all noise.
+        motion: waves on each run.
+        navigation: errors of instruments and mounts.
+        seed: of noise, motion and errors.
         device: Warp device.
         threads: CPU threads; all cores by default.
         memory: bytes that one round of frames may take on the device.
     """
     scenes = [scene] if isinstance(scene, Scene) else list(scene)
     trajectories = [trajectory] if isinstance(trajectory, Trajectory) else list(trajectory)
-    survey = plan_survey(rig, trajectories, frames_from=frames_from)
+    survey, believed = plan_disturbed(
+        rig, trajectories, motion=motion, navigation=navigation, seed=seed, frames_from=frames_from
+    )
     schedule = plan_schedule(survey, frames=frames_per_round(rig, memory), window=len(survey.pings))
     simulator = Simulator(rig, noise=noise, device=device, threads=threads)
     simulator.plan(survey, scenes, schedule, seed=seed)
@@ -320,4 +333,4 @@ def simulate(
         round_images, round_echoes = simulator.read()
         images[frame[frame >= 0]] = round_images[frame >= 0]
         echoes[ping[ping >= 0]] = round_echoes[ping >= 0]
-    return SonarLog(survey=survey, images=images, echoes=echoes)
+    return SonarLog(survey=believed, images=images, echoes=echoes, truth=survey)

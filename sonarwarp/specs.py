@@ -6,7 +6,7 @@ import math
 
 from sonarwarp.settings import ReconstructionSettings
 from sonarwarp.sonar import PS
-from sonarwarp_kernels import critical, inverse, particles, profile
+from sonarwarp_kernels import arcs, critical, crowd, free_depth, fronts, inverse, particles, profile
 from sonarwarp_kernels.specs import Mixture
 
 
@@ -65,4 +65,53 @@ def reading(settings: ReconstructionSettings) -> particles.Reading:
     chosen.low = settings.likelihood_field.low
     chosen.high = settings.likelihood_field.high
     chosen.informed = settings.likelihood_field.informed
+    return chosen
+
+
+def carving(settings: ReconstructionSettings) -> free_depth.Carving:
+    """What a frame proves empty."""
+    chosen = free_depth.Carving()
+    chosen.reach = settings.free_space.reach
+    chosen.guard = settings.free_space.guard
+    chosen.margin = math.radians(settings.free_space.margin_deg)
+    return chosen
+
+
+def arc_model(settings: ReconstructionSettings) -> arcs.ArcModel:
+    """How hypotheses on an arc weigh."""
+    chosen = arcs.ArcModel()
+    chosen.reach = settings.free_space.reach
+    chosen.deviation = settings.free_space.deviation
+    chosen.range_deviation = settings.mixture.deviation
+    chosen.least_height = settings.free_space.least_height
+    chosen.informed = math.radians(settings.free_space.informed_deg)
+    return chosen
+
+
+def crowd_model(settings: ReconstructionSettings) -> crowd.Crowd:
+    """Which points stand apart."""
+    chosen = crowd.Crowd()
+    chosen.least = settings.free_space.stray_points
+    chosen.share = settings.free_space.stray_share
+    return chosen
+
+
+def front_model(settings: ReconstructionSettings, ps: PS) -> fronts.FrontModel:
+    """What counts as a face."""
+    chosen = fronts.FrontModel()
+    chosen.half_width = math.radians(ps.beamwidth_deg) / 2
+    chosen.half_fan = math.radians(ps.fan_beamwidth_deg) / 2
+    chosen.reach = settings.free_space.reach
+    chosen.least_height = settings.free_space.least_height
+    for name in (
+        "compact",
+        "spacing",
+        "in_doubt",
+        "before",
+        "behind",
+        "window_along",
+        "window_height",
+        "deviation",
+    ):
+        setattr(chosen, name, getattr(settings.faces, name))
     return chosen

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
-import uuid
 import warnings
 from collections.abc import Iterable
 from datetime import UTC, datetime
@@ -32,8 +30,9 @@ from sonarwarp.store import (
     dimensions,
     refusing,
 )
+from sonarwarp.store_scratch import put_in_place, scratch_folder, sweep
 from sonarwarp.store_values import fls_columns, ps_columns, scans_vertically, truth_columns
-from sonarwarp.survey import Survey
+from sonarwarp.survey import Survey, check_same_rows
 from sonarwarp.toml_text import toml_text
 
 # Times beyond are no time stamps of 64-bit nanoseconds, which xarray makes of them: the year 2262 [s].
@@ -52,22 +51,22 @@ def create_log(
 ) -> None:
     """Make a log with nothing complete, in one step: until it is whole it has another name, with a dot before.
 
-    A process that is killed by then leaves a folder of that name, which may be removed.
+    A process that is killed by then leaves a folder of that name, which the next one to make a log here removes.
 
     Arguments and errors are those of ``sonarwarp.store_write.StoreWriter``.
     """
     _check(path, survey, truth, contacts)
+    sweep(path)
     _refuse_existing(path, overwrite)
     attributes = _root_attributes(survey, noise, reconstruction)
     attributes["truth"] = TRUTHS[0 if truth is None else 1 + contacts]
-    scratch = path.with_name(f".{path.name}.{uuid.uuid4().hex}")
-    try:
-        with refusing(path, "cannot be created", "choose a folder that exists, can be written and has space"):
-            _create(scratch, survey, truth, contacts, attributes)
-            settle(scratch)
-            _put_in_place(scratch, path)
-    finally:
-        shutil.rmtree(scratch, ignore_errors=True)
+    with (
+        refusing(path, "cannot be created", "choose a folder that exists, can be written and has space"),
+        scratch_folder(path) as scratch,
+    ):
+        _create(scratch, survey, truth, contacts, attributes)
+        settle(scratch)
+        put_in_place(scratch, path)
 
 
 def _check(path: Path, survey: Survey, truth: Survey | None, contacts: bool) -> None:
@@ -79,10 +78,11 @@ def _check(path: Path, survey: Survey, truth: Survey | None, contacts: bool) -> 
             )
     if contacts and truth is None:
         raise StoreError(f"{path}: contacts: given without truth, must come with the true poses")
-    for name in ("frames", "pings") if truth is not None else ():
-        rows, true = getattr(survey, name), getattr(truth, name)
-        if not all(np.array_equal(getattr(rows, key), getattr(true, key)) for key in ("trajectory", "number")):
-            raise StoreError(f"{path}: truth.{name}: other rows than survey.{name}, must be the same ones in order")
+    if truth is not None:
+        try:
+            check_same_rows("truth", truth, "survey", survey)
+        except ValueError as error:
+            raise StoreError(f"{path}: {error}") from error
 
 
 def _is_log(path: Path) -> bool:
@@ -100,16 +100,6 @@ def _refuse_existing(path: Path, overwrite: bool) -> None:
         raise StoreError(f"{path}: exists already, choose another name or ask to overwrite it")
     if path.is_symlink() or not _is_log(path):
         raise StoreError(f"{path}: exists and is no log, which is never overwritten; remove it or choose another name")
-
-
-def _put_in_place(scratch: Path, path: Path) -> None:
-    if not os.path.lexists(path):
-        os.rename(scratch, path)
-        return
-    old = scratch.with_name(f"{scratch.name}.old")
-    os.rename(path, old)
-    os.rename(scratch, path)
-    shutil.rmtree(old)
 
 
 def _root_attributes(
@@ -141,7 +131,6 @@ def _create(path: Path, survey: Survey, truth: Survey | None, contacts: bool, at
     import zarr
     from zarr.storage import LocalStore
 
-    path.mkdir()
     store = LocalStore(path)
     root = zarr.create_group(store, attributes=attributes)
     scan = "vertical" if scans_vertically(survey.rig.ps_mount) else "horizontal"

@@ -64,7 +64,7 @@ class StoredLog:
     """
 
     survey: Survey
-    """Rig, times and navigation poses of the frames and pings that are complete."""
+    """Rig, times and the poses that navigation gives, of the frames and pings that are complete."""
 
     frames_planned: int
     """Frames of the whole log; ``len(survey.frames)`` of them are complete."""
@@ -72,8 +72,8 @@ class StoredLog:
     pings_planned: int
     """Pings of the whole log; ``len(survey.pings)`` of them are complete."""
 
-    true_survey: Survey | None
-    """The survey with true poses, of a simulation."""
+    truth: Survey | None
+    """The same frames and pings with their true poses, of a simulation."""
 
     noise: Noise | None
     """What a simulation added to the echoes."""
@@ -102,7 +102,7 @@ class StoredLog:
         self._echoes = arrays.rows_of("ps", ECHOES, complete)
         with refusing(self.path, "survey cannot be read", _WAY_OUT):
             self.survey = _survey(rig, arrays, complete)
-            self.true_survey = None if truth == TRUTHS[0] else _true_survey(self.survey, arrays, complete)
+            self.truth = None if truth == TRUTHS[0] else _true_survey(self.survey, arrays, complete)
         met = CONTACT_VARIABLES if truth == TRUTHS[2] else ()
         self._contacts = [arrays.rows_of("truth", variable, complete) for variable in met]
 
@@ -148,7 +148,8 @@ class StoredLog:
     def load(self) -> SonarLog:
         """All that is complete, in memory."""
         frames, pings = np.arange(len(self.survey.frames)), np.arange(len(self.survey.pings))
-        return SonarLog(survey=self.survey, images=self.images_of(frames), echoes=self.echoes_of(pings))
+        images, echoes = self.images_of(frames), self.echoes_of(pings)
+        return SonarLog(survey=self.survey, images=images, echoes=echoes, truth=self.truth)
 
 
 class _Rows:

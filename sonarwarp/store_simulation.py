@@ -9,13 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
+from sonarwarp.navigation import EXACT_NAVIGATION, NO_MOTION, Motion, Navigation, plan_disturbed
 from sonarwarp.scene_table import scene_of_trajectory
 from sonarwarp.schedule import EMPTY, Schedule, frames_per_round, plan_schedule
 from sonarwarp.settings import NO_NOISE, Noise, ReconstructionSettings
 from sonarwarp.simulator import MEMORY, Simulator
 from sonarwarp.sonar import Rig
 from sonarwarp.store_write import StoreWriter
-from sonarwarp.survey import Frames, Pings, Survey, plan_survey
+from sonarwarp.survey import Frames, Pings, Survey
 from sonarwarp.truth import ContactCaster
 from sonarwarp_scenes import Scene, Trajectory
 
@@ -31,6 +32,8 @@ def simulate_to_store(
     *,
     frames_from: float | Sequence[float] = -math.inf,
     noise: Noise = NO_NOISE,
+    motion: Motion = NO_MOTION,
+    navigation: Navigation = EXACT_NAVIGATION,
     seed: int = 0,
     truth: bool = False,
     reconstruction: ReconstructionSettings | None = None,
@@ -45,11 +48,13 @@ def simulate_to_store(
     Args:
         rig: sonars and mounts.
         scene: one for all trajectories, or one each.
-        trajectory: one or more.
+        trajectory: what is asked of the vehicle, one or more.
         path: of the log.
         frames_from: time from which the FLS records [s].
         noise: added to the echoes.
-        seed: of all noise.
+        motion: waves on each run.
+        navigation: errors of instruments and mounts.
+        seed: of noise, motion and errors.
         truth: whether to cast for the first contact of every beam too, with 3 x 256 rays each.
         reconstruction: settings that go with the log.
         overwrite: whether an older log may be replaced.
@@ -62,10 +67,14 @@ def simulate_to_store(
         StoreError: as ``StoreWriter``; what is complete by then stays.
     """
     trajectories = [trajectory] if isinstance(trajectory, Trajectory) else list(trajectory)
+    survey, believed = plan_disturbed(
+        rig, trajectories, motion=motion, navigation=navigation, seed=seed, frames_from=frames_from
+    )
     survey_to_store(
-        plan_survey(rig, trajectories, frames_from=frames_from),
+        survey,
         [scene] if isinstance(scene, Scene) else list(scene),
         path,
+        believed=believed,
         noise=noise,
         seed=seed,
         truth=truth,

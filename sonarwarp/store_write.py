@@ -137,7 +137,16 @@ class StoreWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        self.close()
+        try:
+            self.close()
+        except KeyboardInterrupt as interrupt:
+            error = interrupt
+            self.close()
+            raise
+        finally:
+            if error is not None:
+                done = f"{self.frames_complete} of {self._images.planned} frames"
+                error.add_note(f"after {done}; {self.path} can be read")
 
 
 class _Rows:
@@ -190,14 +199,13 @@ def log_to_store(
     log: SonarLog,
     path: str | Path,
     *,
-    truth: Survey | None = None,
     noise: Noise | None = None,
     reconstruction: ReconstructionSettings | None = None,
     overwrite: bool = False,
 ) -> None:
-    """Write a log in memory to disk, in its own order; arguments and errors as those of :class:`StoreWriter`."""
+    """Write a log in memory, with its truth, to disk in its own order; arguments and errors: :class:`StoreWriter`."""
     with StoreWriter(
-        path, log.survey, truth=truth, noise=noise, reconstruction=reconstruction, overwrite=overwrite
+        path, log.survey, truth=log.truth, noise=noise, reconstruction=reconstruction, overwrite=overwrite
     ) as writer:
         writer.append(log.images, log.echoes)
 

@@ -111,6 +111,14 @@ class Survey:
         return int(max(self.frames.trajectory.max(initial=-1), self.pings.trajectory.max(initial=-1))) + 1
 
 
+def check_same_rows(name: str, survey: Survey, other_name: str, other: Survey) -> None:
+    """Refuse a survey with other frames or pings than ``other`` has, with a ``ValueError`` that says so."""
+    for kind in ("frames", "pings"):
+        rows, wanted = getattr(survey, kind), getattr(other, kind)
+        if not all(np.array_equal(getattr(rows, key), getattr(wanted, key)) for key in ("trajectory", "number")):
+            raise ValueError(f"{name}.{kind}: other rows than {other_name}.{kind}, must be the same ones in order")
+
+
 def plan_survey(
     rig: Rig,
     trajectories: Sequence[Trajectory],

@@ -1,10 +1,11 @@
-"""Rigs, noise and reconstruction settings read from TOML; ``toml_text`` writes them.
+"""Rigs, noise, motion, navigation and reconstruction settings read from TOML; ``toml_text`` writes them.
 
-A file has the tables ``fls``, ``ps``, ``fls_mount`` and ``ps_mount`` for a rig, ``noise`` for what a simulation adds,
-and ``reconstruction`` with ``reconstruction.detection``, ``.likelihood_field`` and ``.mixture``; keys are the names of
-the dataclasses' fields. What a file leaves out keeps its default; without the table ``noise`` there is none. TOML has
-no null: ``"none"`` stands for None. Arrays of edges are written out, or given as equal steps: ``beams`` and
-``field_of_view_deg``; ``bins``, ``window_start`` and ``window_length``.
+A file has the tables ``fls``, ``ps``, ``fls_mount`` and ``ps_mount`` for a rig, ``noise``, ``motion`` and
+``navigation`` for what a simulation adds, and ``reconstruction`` with ``reconstruction.detection``,
+``.likelihood_field`` and ``.mixture``; keys are the names of the dataclasses' fields. What a file leaves out keeps its
+default; without the table ``noise``, ``motion`` or ``navigation`` there is none of it. TOML has no null: ``"none"``
+stands for None. Arrays of edges are written out, or given as equal steps: ``beams`` and ``field_of_view_deg``;
+``bins``, ``window_start`` and ``window_length``.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ import numpy as np
 
 from sonarwarp.checks import in_range
 from sonarwarp.edge_steps import EDGE_STEPS, Steps
+from sonarwarp.navigation import EXACT_NAVIGATION, NO_MOTION, Motion, Navigation
 from sonarwarp.settings import NO_NOISE, Noise, ReconstructionSettings
 from sonarwarp.sonar import Rig
 
@@ -39,6 +41,8 @@ class Configuration:
 
     rig: Rig = field(default_factory=Rig)
     noise: Noise = NO_NOISE
+    motion: Motion = NO_MOTION
+    navigation: Navigation = EXACT_NAVIGATION
     reconstruction: ReconstructionSettings = field(default_factory=ReconstructionSettings)
 
 
@@ -95,7 +99,8 @@ def default_tables() -> dict[str, Any]:
     """What each table says unless told otherwise."""
     rig = Rig()
     tables: dict[str, Any] = {name: getattr(rig, name) for name in RIG_TABLES}
-    return tables | {"noise": Noise(), "reconstruction": ReconstructionSettings()}
+    added = {"noise": Noise(), "motion": Motion(), "navigation": Navigation()}
+    return tables | added | {"reconstruction": ReconstructionSettings()}
 
 
 def _parse(text: str, name: str, wanted: tuple[str, ...]) -> Configuration:
@@ -114,6 +119,8 @@ def _parse(text: str, name: str, wanted: tuple[str, ...]) -> Configuration:
     return Configuration(
         rig=Rig(**{key: read[key] for key in RIG_TABLES}),
         noise=read["noise"] if "noise" in tables else NO_NOISE,
+        motion=read["motion"] if "motion" in tables else NO_MOTION,
+        navigation=read["navigation"] if "navigation" in tables else EXACT_NAVIGATION,
         reconstruction=read["reconstruction"],
     )
 

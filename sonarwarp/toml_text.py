@@ -1,4 +1,4 @@
-"""Rigs, noise and reconstruction settings as commented TOML, which ``toml_settings`` reads.
+"""Rigs, noise, motion, navigation and reconstruction settings as commented TOML, which ``toml_settings`` reads.
 
 Comments are the docstrings of the dataclasses and of their fields, read from the source, so that they cannot drift.
 """
@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from sonarwarp.edge_steps import EDGE_STEPS
+from sonarwarp.navigation import EXACT_NAVIGATION, NO_MOTION, Motion, Navigation
 from sonarwarp.settings import NO_NOISE, Noise, ReconstructionSettings
 from sonarwarp.sonar import PRESETS, Rig
 from sonarwarp.toml_settings import NONE, RIG_TABLES, default_tables, instead
@@ -25,28 +26,39 @@ _WIDTH = 98
 
 
 def preset_text(name: str) -> str:
-    """A complete, commented file of a preset: rig, noise (the paper's field test has some) and reconstruction.
+    """A complete, commented file of a preset: rig, reconstruction, and noise, motion and navigation errors.
+
+    The paper's field test has all three of them, its simulation none.
 
     Raises:
         ValueError: no such preset.
     """
     if name not in PRESETS:
         raise ValueError(f"preset: {name!r}, {instead(name, list(PRESETS))}")
-    noise = Noise() if name == "paper field" else NO_NOISE
-    return toml_text(rig=PRESETS[name], noise=noise, reconstruction=ReconstructionSettings())
+    at_sea = name == "paper field"
+    return toml_text(
+        rig=PRESETS[name],
+        noise=Noise() if at_sea else NO_NOISE,
+        motion=Motion() if at_sea else NO_MOTION,
+        navigation=Navigation() if at_sea else EXACT_NAVIGATION,
+        reconstruction=ReconstructionSettings(),
+    )
 
 
 def toml_text(
-    *, rig: Rig | None = None, noise: Noise | None = None, reconstruction: ReconstructionSettings | None = None
+    *,
+    rig: Rig | None = None,
+    noise: Noise | None = None,
+    motion: Motion | None = None,
+    navigation: Navigation | None = None,
+    reconstruction: ReconstructionSettings | None = None,
 ) -> str:
     """Commented TOML of the parts given; reading it gives equal ones, to the bit."""
     import tomlkit
 
     given: dict[str, Any] = {} if rig is None else {name: getattr(rig, name) for name in RIG_TABLES}
-    if noise is not None:
-        given["noise"] = noise
-    if reconstruction is not None:
-        given["reconstruction"] = reconstruction
+    added = {"noise": noise, "motion": motion, "navigation": navigation, "reconstruction": reconstruction}
+    given |= {name: value for name, value in added.items() if value is not None}
     document = tomlkit.document()
     for name, value in given.items():
         document.add(name, _commented_table(value, default_tables()[name]))

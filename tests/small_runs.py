@@ -15,7 +15,11 @@ RIG = sw.Rig(
     ps=sw.PS(range_edge=np.linspace(1.0, 7.0, 121), sector_deg=18.0, scan_rate_deg=9.0, strips=2, intervals=16),
 ).tilted(25.0)
 
-SETTINGS = sw.ReconstructionSettings(likelihood_field=sw.LikelihoodField(cell=0.04, window_sweeps=1.0), particles=32)
+CARVED = sw.ReconstructionSettings(likelihood_field=sw.LikelihoodField(cell=0.04, window_sweeps=1.0), particles=32)
+"""The default method, of the whole log."""
+
+SETTINGS = replace(CARVED, method="paper", causal=True)
+"""The paper's method, online."""
 
 
 def scene(front_x=0.0):
@@ -45,7 +49,7 @@ def stream(
     """Simulate and reconstruct by rounds; returns images, echoes, clouds and the reconstructor."""
     survey = sw.plan_survey(rig, runs)
     reconstructor = sw.Reconstructor(rig, settings=settings, device=device, threads=threads)
-    schedule = sw.plan_schedule(survey, frames=frames, window=reconstructor.window, causal=settings.causal)
+    schedule = reconstructor.plan_schedule(survey, frames=frames)
     simulator = sw.Simulator(rig, noise=noise, device=device, threads=threads)
     simulator.plan(survey, scenes, schedule, seed=seed, trajectory_keys=keys)
     reconstructor.plan(survey, schedule, seed=seed, trajectory_keys=keys)

@@ -3,6 +3,8 @@
 from dataclasses import replace
 
 from benchmarks.cases import CASES
+from benchmarks.log import measure_log
+from benchmarks.meshes import MESHES, markdown
 from benchmarks.run import measure
 from sonarwarp_scenes import Deployment
 from tests.small_runs import RIG, SETTINGS, run, scene
@@ -27,6 +29,26 @@ def test_a_row_says_case_device_versions_and_shares(device):
     assert {"warp", "numpy", "python"} <= set(row["versions"])
     assert row["device"]["alias"] == device
     assert seen
+
+
+def test_a_log_is_written_whole_and_read_back(device):
+    seen = []
+    row = measure_log(device=device, seed=5, frames=70, watch=seen.append)
+    assert (row["case"], row["frames"], row["span_s"]) == ("log", 70, 7.0)
+    for what in ("write", "read"):
+        assert row[f"{what}_times_real_time"] == 7.0 / row[f"{what}_s"] > 0.0
+    # Speckle does not compress away.
+    assert 0.5 * row["images_mib"] < row["disk_mib"] < row["images_mib"]
+    assert {"warp", "numpy", "python"} <= set(row["versions"])
+    assert seen
+
+
+def test_the_table_of_meshes_says_null_where_there_is_no_figure():
+    figures = {"accuracy_mean": 0.01, "accuracy_rms": 0.0236, "accuracy_p95": 0.05, "precision": 0.899}
+    row = {"title": MESHES[0].title, "method": "fused", "points": 12, **figures, "completeness": None, "f_score": 0.5}
+    heading, rule, line = markdown([row]).splitlines()
+    assert heading.count("|") == rule.count("|") == line.count("|")
+    assert line == "| ship, 3.5 m long | fused | 12 | 0.010 | 0.024 | 0.050 | 0.90 | null | 0.50 |"
 
 
 def test_names_of_cases_are_unique():

@@ -19,7 +19,7 @@ def sonarwarp(*arguments, folder=None):
     )
 
 
-@pytest.mark.parametrize("arguments", [["--help"], ["demo", "--help"], ["info", "--help"], []])
+@pytest.mark.parametrize("arguments", [["--help"], ["demo", "--help"], ["paper", "--help"], ["info", "--help"], []])
 def test_help_is_there(arguments):
     run = sonarwarp(*arguments)
     assert run.returncode == 0
@@ -54,6 +54,11 @@ WRONG = {
     "an altitude without a mesh": (["demo", "--altitude", "2"], "needs --mesh"),
     "an output that is a file": (["demo", "--out", "notes.obj"], "notes.obj"),
     "an output below a file": (["demo", "--out", "notes.obj/below"], "notes.obj"),
+    "no experiment of the paper": (["paper"], "Missing argument"),
+    "another experiment than the paper's": (["paper", "lake"], "'lake'"),
+    "no seed at all": (["paper", "field", "--seeds", "0"], "--seeds"),
+    "noise of another kind": (["paper", "field", "--noise", "pink"], "'pink'"),
+    "rows below a file": (["paper", "field", "--json", "notes.obj/rows.json"], "json: cannot write"),
 }
 
 

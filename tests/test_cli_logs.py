@@ -1,18 +1,28 @@
 """From files to files on the command line: preset, simulate, reconstruct, evaluate."""
 
+# pyright: reportAttributeAccessIssue=false
+# OpenUSD fills its modules when they load, where no type checker sees it.
+
 import json
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
+from pxr import Usd
 
 import sonarwarp as sw
 import sonarwarp_scenes
+from sonarwarp.app.logs import evaluate_files
+from sonarwarp.metrics import evaluate, seen_samples
 from sonarwarp.toml_text import toml_text
 from sonarwarp.trajectory_files import write_csv
+from tests.small_logs import same_survey
 from tests.small_runs import RIG, SETTINGS, run
 from tests.test_cli import sonarwarp
+
+UP = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0])
 
 BRICK = Path(sonarwarp_scenes.__file__).parent / "assets" / "brick.usda"
 
@@ -21,7 +31,8 @@ BRICK = Path(sonarwarp_scenes.__file__).parent / "assets" / "brick.usda"
 def folder_fixture(tmp_path_factory):
     """A folder with a small rig, a short run, and the log and clouds that the commands make of them."""
     folder = tmp_path_factory.mktemp("files")
-    (folder / "rig.toml").write_text(toml_text(rig=RIG, noise=sw.Noise(), reconstruction=SETTINGS))
+    text = toml_text(rig=RIG, noise=sw.Noise(), motion=sw.Motion(), navigation=sw.Navigation(), reconstruction=SETTINGS)
+    (folder / "rig.toml").write_text(text)
     write_csv(run(length=0.6), folder / "run.csv")
     made = sonarwarp(
         *("simulate", str(BRICK), "--rig", "rig.toml", "--trajectory", "run.csv", "--out", "log", "--seed", "3"),
@@ -49,8 +60,14 @@ def test_a_preset_is_a_rig_to_simulate_with(tmp_path):
 
 def test_the_log_holds_what_simulate_gives_in_memory(folder):
     world, _ = sonarwarp_scenes.read_scene(BRICK)
-    log = sw.simulate(RIG, world, run(length=0.6), noise=sw.Noise(), seed=3)
+    log = sw.simulate(
+        RIG, world, run(length=0.6), noise=sw.Noise(), motion=sw.Motion(), navigation=sw.Navigation(), seed=3
+    )
     stored = sw.open_log(folder / "log")
+    assert same_survey(stored.survey, log.survey)
+    assert stored.truth is not None
+    assert log.truth is not None
+    assert same_survey(stored.truth, log.truth)
     assert np.array_equal(stored.load().images, log.images)
     assert np.array_equal(stored.load().echoes, log.echoes)
 
@@ -60,7 +77,7 @@ def test_clouds_are_those_of_reconstruct_in_every_format(folder):
     for method in ("single", "fused"):
         wanted = getattr(clouds, method)
         assert len(wanted) > 50
-        for suffix in (".ply", ".npz"):
+        for suffix in (".ply", ".pcd", ".npz"):
             read = sw.read_cloud(folder / "clouds" / f"{method}{suffix}")
             assert np.allclose(read.points, wanted.points, atol=1e-6)
             assert set(read.attributes) == set(wanted.attributes)
@@ -74,6 +91,76 @@ def test_evaluate_measures_distances_to_the_scene(folder):
         figures[name] = json.loads(found.stdout)
     assert 0.0 < figures["fused.ply"]["accuracy_rms"] < 0.2
     assert figures["fused.ply"]["accuracy_rms"] == pytest.approx(figures["fused.npz"]["accuracy_rms"], rel=1e-4)
+    assert "completeness" not in figures["fused.ply"]
+
+
+def test_with_a_log_and_a_part_evaluate_asks_for_what_the_sonars_could_see_of_it(folder):
+    found = {}
+    for part in ("brick", "/World/brick", "Seabed"):
+        asked = ("--truth", str(BRICK), "--log", "log", "--part", part, "--json")
+        judged = sonarwarp("evaluate", "clouds/fused.ply", *asked, folder=folder)
+        assert judged.returncode == 0, judged.stderr
+        found[part] = json.loads(judged.stdout)
+    assert found["brick"] == found["/World/brick"] | {"part": "brick"}
+    world, report = sonarwarp_scenes.read_scene(BRICK)
+    truth, points = sw.open_log(folder / "log").truth, sw.read_cloud(folder / "clouds" / "fused.ply")
+    assert truth is not None
+    for name in ("brick", "Seabed"):
+        part = report.faces_of(name)
+        seen = seen_samples(world, truth, part=part)
+        wanted = evaluate(points, scene=world, seen=seen, part=part).surface
+        assert wanted is not None
+        assert found[name] == found[name] | asdict(wanted)
+        assert found[name]["points"] == len(points) >= found[name]["counted"] > 0
+    assert 0.0 < found["brick"]["f_score"] < 1.0
+    assert found["brick"]["completeness"] > found["Seabed"]["completeness"]
+
+
+def test_completeness_is_judged_from_true_poses_where_the_log_holds_them(folder):
+    """Navigation far above everything sees nothing, and is all that a recorded log has."""
+    stored = sw.open_log(folder / "log").load()
+    frames, pings = (replace(rows, pose=rows.pose + 100.0 * UP) for rows in (stored.survey.frames, stored.survey.pings))
+    lost = replace(stored, survey=replace(stored.survey, frames=frames, pings=pings))
+    for name, log in (("lost", lost), ("recorded", replace(lost, truth=None))):
+        sw.log_to_store(log, folder / name)
+    found = {
+        name: evaluate_files(
+            folder / "clouds" / "fused.ply",
+            BRICK,
+            log=folder / name,
+            part="brick",
+            scale=None,
+            tolerance=0.05,
+            device="cpu",
+        )
+        for name in ("log", "lost", "recorded")
+    }
+    assert found["lost"]["completeness"] == found["log"]["completeness"] > 0.0
+    assert (found["recorded"]["completeness"], found["recorded"]["f_score"]) == (None, None)
+
+
+def test_a_buried_mesh_is_a_scene_to_simulate_and_a_part_to_evaluate(folder):
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=40.0)
+    ball.apply_translation([300.0, 200.0, 100.0]).export(folder / "ball.stl")
+    made = sonarwarp(
+        *("bury", "ball.stl", "--scale", "0.01", "--rig", "rig.toml", "--altitude", "1.9", "--seed", "5"),
+        *("--out", "ball.usda", "--json"),
+        folder=folder,
+    )
+    assert made.returncode == 0, made.stderr
+    facts = json.loads(made.stdout)
+    scene, report = sonarwarp_scenes.read_scene(folder / "ball.usda")
+    corners = scene.vertices[scene.faces[report.faces_of(facts["part"])]]
+    # The sphere's poles are corners; single precision of the file.
+    assert corners.reshape(-1, 3).min(axis=0) == pytest.approx([0.0, -0.4, -0.4], abs=1e-5)
+    assert corners.reshape(-1, 3).max(axis=0) == pytest.approx([0.8, 0.4, 0.4], abs=1e-5)
+    seabed = scene.vertices[scene.faces[report.faces_of("Seabed")]]
+    assert 0.002 < seabed[..., 2].std() < 0.1
+    way = sonarwarp_scenes.read_trajectory(folder / "ball.usda")
+    assert (way.times[-1], way.poses[0, 2]) == pytest.approx((facts["duration"], 1.9))
+    assert 0.0 < facts["frames_from"] < facts["duration"]
+    stage = Usd.Stage.Open(str(folder / "ball.usda"))
+    assert stage.GetPrimAtPath("/World/Vehicle").GetChildrenNames() == ["FLS", "PS"]
 
 
 WRONG = {
@@ -92,15 +179,26 @@ WRONG = {
     "a log that is none": (["reconstruct", "rig.toml", "--out", "new"], "rig.toml"),
     "settings without settings": (["reconstruct", "log", "--out", "new", "--settings", "run.csv"], "run.csv"),
     "clouds into a file": (["reconstruct", "log", "--out", "rig.toml"], "rig.toml"),
-    "a cloud of no known kind": (["evaluate", "rig.toml", "--truth", str(BRICK)], "must be .ply or .npz"),
+    "a cloud of no known kind": (["evaluate", "rig.toml", "--truth", str(BRICK)], "must be .ply, .pcd or .npz"),
     "a cloud that is none": (["evaluate", "fake.ply", "--truth", str(BRICK)], "fake.ply"),
     "a truth that is none": (["evaluate", "clouds/fused.ply", "--truth", "rig.toml"], "rig.toml"),
+    "no such part": (
+        ["evaluate", "clouds/fused.ply", "--truth", str(BRICK), "--part", "brik"],
+        "must be one of /World/Seabed, /World/brick",
+    ),
+    "a log that is none to see with": (
+        ["evaluate", "clouds/fused.ply", "--truth", str(BRICK), "--log", "clouds"],
+        "clouds",
+    ),
+    "a mesh to bury that is none": (["bury", "rig.toml", "--out", "new.usda"], "rig.toml"),
+    "a scene of no known kind": (["bury", "box.stl", "--out", "new"], "must end in .usda"),
     "no tolerance": (["evaluate", "clouds/fused.ply", "--truth", str(BRICK), "--tolerance", "0"], "tolerance"),
 }
 
 
 @pytest.mark.parametrize("name", WRONG)
 def test_wrong_files_cost_one_line(name, folder):
+    trimesh.creation.box().export(folder / "box.stl")
     (folder / "fake.ply").write_text("ply\nformat ascii 1.0\nelement vertex 9\nend_header\n")
     arguments, mentioned = WRONG[name]
     found = sonarwarp(*arguments, folder=folder)
@@ -111,7 +209,7 @@ def test_wrong_files_cost_one_line(name, folder):
     assert not (folder / "new").exists()
 
 
-@pytest.mark.parametrize("suffix", [".ply", ".npz"])
+@pytest.mark.parametrize("suffix", [".ply", ".pcd", ".npz"])
 def test_damaged_clouds_are_refused_in_one_line(folder, tmp_path, suffix):
     whole = (folder / "clouds" / f"fused{suffix}").read_bytes()
     path = tmp_path / f"cloud{suffix}"

@@ -332,6 +332,8 @@ def background(device, level, frames, seed):
         1.0,
         wp.array(keys, dtype=wp.uint64, device=device),
         wp.zeros(frames, dtype=int, device=device),
+        wp.zeros((frames, 2), dtype=wp.uint64, device=device),
+        wp.zeros(frames, dtype=float, device=device),
         wp.full(frames, level, dtype=float, device=device),
         image,
         device=device,

@@ -1,10 +1,12 @@
 """All metrics of one run in one call."""
 
+from dataclasses import fields, replace
+
 import numpy as np
 import pytest
 
 import sonarwarp as sw
-from sonarwarp.metrics import ObjectTruth, SonarView, evaluate, sample_surface, visible_samples
+from sonarwarp.metrics import ObjectTruth, SonarView, evaluate, sample_surface, seen_samples, visible_samples
 from sonarwarp.truth import first_contacts
 from sonarwarp_scenes import BRICK
 from tests.small_runs import RIG, SETTINGS, run, scene
@@ -70,6 +72,36 @@ def test_the_true_elevation_is_that_of_the_points_own_beam_and_frame(known, devi
         )
         found = evaluate(perfect, scene=known["scene"], survey=survey, contacts=contacts, device=device)
         assert {row.coverage for row in found.calibration} == {coverage}
+
+
+def first_frames(survey, frames, pings):
+    """The first frames and pings of a survey."""
+    cut = {
+        kind: replace(rows, **{column.name: getattr(rows, column.name)[:count] for column in fields(rows)})
+        for kind, rows, count in (("frames", survey.frames, frames), ("pings", survey.pings, pings))
+    }
+    return replace(survey, **cut)
+
+
+def test_what_is_seen_is_what_either_sonar_sees_of_the_part(known, device):
+    """As ``visible_samples`` has it sonar by sonar, over the samples of the part alone."""
+    world, survey = known["scene"], first_frames(known["survey"], 1, 8)
+    seabed = world.impedance != world.impedance[-1]
+    assert 0 < seabed.sum() < len(seabed)
+    samples = sample_surface(world.vertices, world.faces[seabed], 20000, 4)
+    imaged, profiled = (
+        visible_samples(world.vertices, world.faces, samples, SonarView.of(sonar), [poses], device=device)[0]
+        for sonar, poses in ((RIG.fls, survey.frames.pose), (RIG.ps, survey.pings.head_pose))
+    )
+    assert (imaged & ~profiled).any()
+    assert (profiled & ~imaged).any()
+    seen = seen_samples(world, survey, part=seabed, count=20000, seed=4, device=device)
+    assert np.array_equal(seen, samples[imaged | profiled])
+
+
+def test_a_log_without_frames_and_pings_sees_nothing(known, device):
+    empty = first_frames(known["survey"], 0, 0)
+    assert seen_samples(known["scene"], empty, count=10, device=device).shape == (0, 3)
 
 
 def test_what_is_missing_is_named(known):

@@ -501,6 +501,36 @@ def test_clouds_of_one_batch_do_not_see_each_other(device):
     assert batch[4].f_score == 1.0
 
 
+# A plate 1 m before the square, of half its size: two parts of one scene.
+TWO = (
+    np.concatenate([SQUARE[0], 0.5 * SQUARE[0] - (1.0, 0.0, 0.0)]),
+    np.concatenate([SQUARE[1], SQUARE[1] + 4]),
+)
+PLATE = np.array([False, False, True, True])
+
+
+def test_points_on_the_rest_say_nothing_of_a_part_but_points_on_nothing_do(device):
+    on_plate, on_square, in_between = [-1.01, 0.0, 0.0], [-0.02, 0.2, 0.1], [-0.3, 0.0, 0.0]
+    cloud = np.array([on_plate, on_square, on_square, in_between])
+    asked = {"tolerance": 0.05, "device": device}
+    (whole,) = evaluate_surface(*TWO, [cloud], [cloud[:0]], **asked)
+    (plate,) = evaluate_surface(*TWO, [cloud], [cloud[:0]], part=PLATE, **asked)
+    (square,) = evaluate_surface(*TWO, [cloud], [cloud[:0]], part=~PLATE, **asked)
+    assert (whole.counted, plate.counted, square.counted) == (4, 2, 3)
+    assert whole.accuracy_mean == pytest.approx((0.01 + 0.02 + 0.02 + 0.3) / 4)
+    # What lies on nothing is wrong by its distance to whatever is nearest, whichever part is asked for.
+    assert plate.accuracy_mean == pytest.approx((0.01 + 0.3) / 2)
+    assert square.accuracy_mean == pytest.approx((0.02 + 0.02 + 0.3) / 3)
+    assert (plate.precision, square.precision) == (1 / 2, 2 / 3)
+
+
+def test_a_cloud_of_the_rest_alone_has_no_accuracy_on_a_part(device):
+    rest, samples = np.zeros((3, 3)), sample_surface(TWO[0], TWO[1][PLATE], 50, 1)
+    (found,) = evaluate_surface(*TWO, [rest], [samples], tolerance=0.05, part=PLATE, device=device)
+    assert (found.counted, found.accuracy_rms, found.precision) == (0, None, None)
+    assert (found.completeness, found.f_score) == (0.0, 0.0)
+
+
 @pytest.mark.parametrize("offset", [0.0, 5000.0])
 def test_only_the_near_side_of_a_box_is_visible(device, offset):
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
@@ -547,6 +577,9 @@ def test_a_view_is_what_the_sonar_covers(device):
         ({"clouds": [np.zeros((2, 2))]}, r"clouds\[0\]: expected shape \(None, 3\)"),
         ({"visible": []}, "visible: 0 sets of samples for 1 clouds"),
         ({"tolerance": 0.0}, "tolerance: 0.0, must be positive"),
+        ({"part": np.array([True])}, r"part: expected bool of shape \(2,\), got bool of \(1,\)"),
+        ({"part": np.array([0, 1])}, r"part: expected bool of shape \(2,\), got int64"),
+        ({"part": np.zeros(2, dtype=bool)}, "part: no face, must be at least one"),
     ],
 )
 def test_what_would_end_the_process_is_refused(device, changes, message):

@@ -1,24 +1,21 @@
 """Motion and navigation errors: amplitudes as stated, keyed by run, each part alone."""
 
+from dataclasses import fields, replace
+
 import numpy as np
 import pytest
 
 from sonarwarp import PRESETS, plan_survey
-from sonarwarp.navigation import Motion, Navigation, moved, navigated, plan_disturbed
+from sonarwarp.navigation import EXACT_NAVIGATION, NO_MOTION, Motion, Navigation, moved, navigated, plan_disturbed
 from sonarwarp_scenes import straight_trajectory
+from tests.small_logs import same_survey
 
 RUN = straight_trajectory((0.0, 0.0, 2.0), heading=0.3, speed=0.1, length=20.0)
-STILL = Motion(heave=0.0, roll_deg=0.0, pitch_deg=0.0, yaw_deg=0.0)
-PERFECT = {
-    "dvl_scale": 0.0,
-    "dvl_noise": 0.0,
-    "depth": 0.0,
-    "attitude_deg": 0.0,
-    "altitude": 0.0,
-    "head_angle_deg": 0.0,
-    "lever_arm": 0.0,
-    "boresight_deg": 0.0,
-}
+
+
+def only(**part):
+    """Navigation with one error alone."""
+    return replace(EXACT_NAVIGATION, **part)
 
 
 def angle_between(a, b):
@@ -38,13 +35,37 @@ def test_heave_and_attitude_swing_by_their_amplitudes():
 
 def test_no_motion_and_perfect_instruments_change_nothing():
     rig = PRESETS["paper field"]
-    true, believed = plan_disturbed(rig, [RUN], motion=STILL, navigation=Navigation(**PERFECT), seed=1)
     planned = plan_survey(rig, [RUN])
-    for survey in (true, believed):
-        assert np.allclose(survey.frames.pose, planned.frames.pose, atol=1e-12)
-        assert np.allclose(survey.pings.pose, planned.pings.pose, atol=1e-12)
-        assert np.array_equal(survey.pings.head_angle, planned.pings.head_angle)
-        assert np.allclose(survey.frames.altitude, planned.frames.altitude)
+    for survey in plan_disturbed(rig, [RUN], motion=NO_MOTION, navigation=EXACT_NAVIGATION, seed=1):
+        assert same_survey(survey, planned)
+
+
+@pytest.mark.parametrize("part", [field.name for field in fields(Motion) if "period" not in field.name])
+def test_each_part_of_motion_is_on_alone(part):
+    rig, motion = PRESETS["paper field"], replace(NO_MOTION, **{part: 0.5})
+    true, believed = plan_disturbed(rig, [RUN], motion=motion, seed=1)
+    assert same_survey(believed, true)
+    planned = plan_survey(rig, [RUN]).frames.pose
+    assert not np.allclose(true.frames.pose, planned, atol=1e-4)
+    assert (part == "heave") == (np.allclose(true.frames.pose[:, 3:], planned[:, 3:], atol=1e-9))
+
+
+@pytest.mark.parametrize("part", [field.name for field in fields(Navigation) if field.name != "fix_rate"])
+def test_each_error_is_on_alone(part):
+    true, believed = plan_disturbed(PRESETS["paper field"], [RUN], navigation=only(**{part: 0.5}), seed=1)
+    moves = {
+        "altitude": {"frames.altitude"},
+        "head_angle_deg": {"pings.head_angle"},
+        "lever_arm": {"frames.pose", "pings.pose"},
+        "boresight_deg": {"frames.pose", "pings.pose"},
+    }
+    differing = {
+        f"{kind}.{field.name}"
+        for kind in ("frames", "pings")
+        for field in fields(getattr(true, kind))
+        if not np.allclose(getattr(getattr(true, kind), field.name), getattr(getattr(believed, kind), field.name))
+    }
+    assert differing == moves.get(part, {"frames.pose", "pings.pose"})
 
 
 def test_a_run_has_its_errors_wherever_it_stands_in_a_batch():
@@ -61,7 +82,7 @@ def test_a_run_has_its_errors_wherever_it_stands_in_a_batch():
 
 def spread(part, values_of):
     """Standard deviation over 400 runs of one error alone."""
-    navigation = Navigation(**{**PERFECT, **part})
+    navigation = only(**part)
     return np.std([values_of(navigated(RUN, navigation, seed=1, key=key)) for key in range(400)])
 
 
@@ -83,8 +104,8 @@ def test_dead_reckoning_errs_as_stated():
 
 def test_mounts_and_head_err_once_per_run():
     rig = PRESETS["paper field"]
-    navigation = Navigation(**{**PERFECT, "head_angle_deg": 0.2, "lever_arm": 0.01, "boresight_deg": 0.2})
-    true, believed = plan_disturbed(rig, [RUN] * 100, motion=STILL, navigation=navigation, seed=2)
+    navigation = only(head_angle_deg=0.2, lever_arm=0.01, boresight_deg=0.2)
+    true, believed = plan_disturbed(rig, [RUN] * 100, navigation=navigation, seed=2)
     head = (true.pings.head_angle - believed.pings.head_angle).reshape(100, -1)
     assert np.ptp(head, axis=1).max() < 1e-12
     assert np.std(head[:, 0]) == pytest.approx(np.radians(0.2), rel=0.36)
@@ -101,3 +122,6 @@ def test_wrong_errors_are_refused_by_name():
         Navigation(depth=-1.0)
     with pytest.raises(ValueError, match=r"Motion\.heave_period"):
         Motion(heave_period=0.0)
+    for wrong in ({"seed": -1}, {"keys": [-1]}, {"seed": 2**65}):
+        with pytest.raises(ValueError, match=rf"{next(iter(wrong))}: .* is outside \[0, "):
+            plan_disturbed(PRESETS["paper field"], [RUN], **wrong)

@@ -1,4 +1,7 @@
-"""Noise: unit-mean speckle on echoes, a background that adds to them, every draw keyed by what it is for."""
+"""Noise: unit-mean speckle on echoes, a background that adds to them, every draw keyed by what it is for.
+
+``test_speckle`` has what speckle does along the way.
+"""
 
 import numpy as np
 import pytest
@@ -6,6 +9,7 @@ import warp as wp
 from scipy import stats
 
 from sonarwarp_kernels import keys, noise
+from tests.reference import noise as reference
 from tests.reference.keys import mix_key
 
 EPSILON = float(np.finfo(np.float32).eps)
@@ -16,15 +20,19 @@ UNIT_RAYLEIGH = stats.rayleigh(scale=np.sqrt(2 / np.pi))
 FIXED_POINT = 2.0**20
 
 
-def finish(device, counts, frame_key, speckle, background, threads=1):
-    """Images of ``counts`` [frame, beam, bin]; the other arguments are per frame."""
+def finish(device, counts, frame_key, speckle, background, threads=1, knot_keys=None, blend=None):
+    """Images of ``counts`` [frame, beam, bin]; the other arguments are per frame, each on its own knot by default."""
     counts = np.asarray(counts, dtype=np.int32)
+    knot_keys = np.stack([frame_key, np.zeros_like(frame_key)], axis=-1) if knot_keys is None else knot_keys
+    blend = np.zeros(len(counts)) if blend is None else blend
     image = wp.full(counts.shape, -7.0, dtype=float, device=device)
     noise.finish_images(
         wp.array(counts, dtype=int, device=device),
         FIXED_POINT,
         wp.array(np.asarray(frame_key, dtype=np.uint64), dtype=wp.uint64, device=device),
         wp.array(speckle, dtype=int, device=device),
+        wp.array(np.asarray(knot_keys, dtype=np.uint64), dtype=wp.uint64, device=device),
+        wp.array(blend, dtype=float, device=device),
         wp.array(background, dtype=float, device=device),
         image,
         device=device,
@@ -53,17 +61,16 @@ def test_without_noise_an_image_is_its_counts(device):
 
 def test_values_match_the_keyed_oracle(device):
     counts = random_counts((2, 3, 40))
-    frame_key, level = [2**64 - 1, 12345], [0.25, 3.0]
-    image = finish(device, counts, frame_key, [1, 1], level)
-
-    def rayleigh(frame, stream, beam, bin):
-        key = mix_key(mix_key(mix_key(frame_key[frame], stream), beam), bin)
-        return np.sqrt(-4 / np.pi * np.log(((key >> 41) + 0.5) / 2**23))
-
+    frame_key, level, blend = [2**64 - 1, 12345], [0.25, 3.0], [0.0, 0.4]
+    knot_keys = [[77, 2**64 - 1], [2**63, 5]]
+    image = finish(device, counts, frame_key, [1, 1], level, knot_keys=knot_keys, blend=blend)
     for frame, beam, bin in np.ndindex(counts.shape):
-        echo = counts[frame, beam, bin] / FIXED_POINT * rayleigh(frame, 4, beam, bin)
-        want = echo + level[frame] * rayleigh(frame, 5, beam, bin)
-        assert image[frame, beam, bin] == pytest.approx(want, rel=8 * EPSILON)
+        echo = counts[frame, beam, bin] / FIXED_POINT
+        speckled = echo * reference.speckle(*knot_keys[frame], blend[frame], beam, bin)
+        want = speckled + level[frame] * reference.background(frame_key[frame], beam, bin)
+        # Where two knots nearly cancel, what is left has the rounding of their sum: that of an amplitude of 1 or so.
+        lost = 32 * EPSILON * echo * min(1.0, echo / speckled) if blend[frame] else 0.0
+        assert abs(image[frame, beam, bin] - want) < 8 * EPSILON * want + lost
 
 
 def test_speckle_has_unit_mean_and_the_rayleigh_law(device):
@@ -142,11 +149,13 @@ def test_beams_bins_and_the_two_noises_share_nothing(device):
 def test_a_frame_is_the_same_alone_in_a_batch_and_with_any_number_of_threads(device):
     counts = random_counts((5, 7, 100))
     frame_keys, speckle, level = [9, 8, 7, 6, 5], [1, 0, 1, 1, 0], [0.0, 0.1, 0.2, 0.3, 0.4]
-    batch = finish(device, counts, frame_keys, speckle, level)
-    assert np.array_equal(batch, finish(device, counts, frame_keys, speckle, level, threads=3))
+    way = {"knot_keys": [[1, 2], [2, 3], [3, 4], [3, 4], [4, 5]], "blend": [0.0, 0.5, 0.2, 0.9, 0.1]}
+    batch = finish(device, counts, frame_keys, speckle, level, **way)
+    assert np.array_equal(batch, finish(device, counts, frame_keys, speckle, level, threads=3, **way))
     for frame in range(5):
         one = slice(frame, frame + 1)
-        alone = finish(device, counts[one], frame_keys[one], speckle[one], level[one])
+        mine = {name: values[one] for name, values in way.items()}
+        alone = finish(device, counts[one], frame_keys[one], speckle[one], level[one], **mine)
         assert np.array_equal(batch[one], alone)
 
 
@@ -157,13 +166,23 @@ def test_a_beam_is_the_same_in_a_shorter_window(device):
 
 
 def test_the_counts_are_left_as_they_are(device):
-    counts = wp.full((1, 4, 64), 100, dtype=int, device=device)
-    image = wp.zeros((1, 4, 64), dtype=float, device=device)
-    key = wp.zeros(1, dtype=wp.uint64, device=device)
-    switch = wp.full(1, 1, dtype=int, device=device)
-    level = wp.full(1, 0.1, dtype=float, device=device)
-    noise.finish_images(counts, FIXED_POINT, key, switch, level, image, device=device)
-    assert np.all(counts.numpy() == 100)
+    arrays = inputs(device, 1, 4, 64)
+    arrays["counts"].fill_(100)
+    noise.finish_images(fixed_point=FIXED_POINT, **arrays, device=device)
+    assert np.all(arrays["counts"].numpy() == 100)
+
+
+def inputs(device, frames, beams, bins):
+    """What the launcher takes besides its scale, all zero."""
+    return {
+        "counts": wp.zeros((frames, beams, bins), dtype=int, device=device),
+        "keys": wp.zeros(frames, dtype=wp.uint64, device=device),
+        "speckle": wp.zeros(frames, dtype=int, device=device),
+        "knot_keys": wp.zeros((frames, 2), dtype=wp.uint64, device=device),
+        "blend": wp.zeros(frames, dtype=float, device=device),
+        "background": wp.zeros(frames, dtype=float, device=device),
+        "image_out": wp.zeros((frames, beams, bins), dtype=float, device=device),
+    }
 
 
 @pytest.mark.parametrize(
@@ -173,18 +192,14 @@ def test_the_counts_are_left_as_they_are(device):
         ("counts", (96, 512), int, r"counts: expected shape \(any, any, any\), got \(96, 512\)"),
         ("keys", (3,), wp.uint64, r"keys: expected shape \(4,\), got \(3,\)"),
         ("speckle", (4,), float, "speckle: expected dtype int32, got float32"),
+        ("knot_keys", (4,), wp.uint64, r"knot_keys: expected shape \(4, 2\), got \(4,\)"),
+        ("blend", (4,), int, "blend: expected dtype float32, got int32"),
         ("background", (4, 96), float, r"background: expected shape \(4,\), got \(4, 96\)"),
         ("image_out", (4, 512, 96), float, r"image_out: expected shape \(4, 96, 512\), got \(4, 512, 96\)"),
     ],
 )
 def test_wrong_arrays_are_refused_by_name(device, wrong, shape, dtype, message):
-    arrays = {
-        "counts": wp.zeros((4, 96, 512), dtype=int, device=device),
-        "keys": wp.zeros(4, dtype=wp.uint64, device=device),
-        "speckle": wp.zeros(4, dtype=int, device=device),
-        "background": wp.zeros(4, dtype=float, device=device),
-        "image_out": wp.zeros((4, 96, 512), dtype=float, device=device),
-    }
+    arrays = inputs(device, 4, 96, 512)
     arrays[wrong] = wp.zeros(shape, dtype=dtype, device=device)
     with pytest.raises(ValueError, match=message):
         noise.finish_images(fixed_point=FIXED_POINT, **arrays, device=device)
@@ -192,10 +207,5 @@ def test_wrong_arrays_are_refused_by_name(device, wrong, shape, dtype, message):
 
 @pytest.mark.parametrize("fixed_point", [0.0, -1.0, float("nan")])
 def test_a_scale_that_is_not_positive_is_refused(device, fixed_point):
-    image = wp.zeros((1, 1, 1), dtype=float, device=device)
-    counts = wp.zeros((1, 1, 1), dtype=int, device=device)
-    key = wp.zeros(1, dtype=wp.uint64, device=device)
-    switch = wp.zeros(1, dtype=int, device=device)
-    level = wp.zeros(1, dtype=float, device=device)
     with pytest.raises(ValueError, match="fixed_point: must be positive"):
-        noise.finish_images(counts, fixed_point, key, switch, level, image, device=device)
+        noise.finish_images(fixed_point=fixed_point, **inputs(device, 1, 1, 1), device=device)

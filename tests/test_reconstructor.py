@@ -67,7 +67,7 @@ def test_seeds_and_keys_change_the_particles_and_nothing_else(alone, device):
 def replayed(device, by_graph):
     survey = sw.plan_survey(RIG, [run()])
     reconstructor = sw.Reconstructor(RIG, settings=SETTINGS, device=device)
-    schedule = sw.plan_schedule(survey, frames=8, window=reconstructor.window)
+    schedule = reconstructor.plan_schedule(survey, frames=8)
     simulator = sw.Simulator(RIG, noise=NOISE, device=device)
     simulator.plan(survey, [scene()], schedule, seed=3, trajectory_keys=[42])
     reconstructor.plan(survey, schedule, seed=3, trajectory_keys=[42])
@@ -103,7 +103,7 @@ def test_reset_and_graphs_replay_bit_for_bit(alone, device, by_graph):
 def test_rounds_allocate_nothing(device):
     survey = sw.plan_survey(RIG, [run()])
     reconstructor = sw.Reconstructor(RIG, settings=SETTINGS, device=device)
-    schedule = sw.plan_schedule(survey, frames=8, window=reconstructor.window)
+    schedule = reconstructor.plan_schedule(survey, frames=8)
     reconstructor.plan(survey, schedule)
     images = wp.zeros((schedule.round_frame.shape[1], RIG.fls.beams, RIG.fls.bins), dtype=float, device=device)
     echoes = wp.zeros((schedule.round_ping.shape[1], RIG.ps.bins), dtype=float, device=device)
@@ -202,7 +202,7 @@ def test_reconstruct_equals_the_rounds_in_any_memory(device, frames):
 def test_clouds_say_what_they_know(alone):
     fused, single = alone[2].fused, alone[2].single
     assert len(fused) == len(single)
-    common = {"trajectory", "frame", "beam", "time", "range", "azimuth", "elevation"}
+    common = {"source", "trajectory", "frame", "beam", "time", "range", "azimuth", "elevation"}
     covariance = {f"covariance_{axes}" for axes in ("xx", "yy", "zz", "xy", "xz", "yz")}
     assert set(single.attributes) == common
     assert set(fused.attributes) == common | covariance | {
@@ -239,7 +239,7 @@ def test_clouds_keep_all_that_they_know_in_a_file(alone, tmp_path):
 def test_arrays_of_a_round_are_refused_by_name(device):
     survey = sw.plan_survey(RIG, [run(length=0.1)])
     reconstructor = sw.Reconstructor(RIG, settings=SETTINGS, device=device)
-    schedule = sw.plan_schedule(survey, frames=8, window=reconstructor.window)
+    schedule = reconstructor.plan_schedule(survey, frames=8)
     reconstructor.plan(survey, schedule)
     frames, pings = schedule.round_frame.shape[1], schedule.round_ping.shape[1]
 
@@ -262,12 +262,12 @@ def test_arrays_of_a_round_are_refused_by_name(device):
 def test_what_a_plan_cannot_serve_is_refused_by_name(device):
     short, long = (sw.plan_survey(RIG, [run(length=length)]) for length in (0.1, 0.3))
     reconstructor = sw.Reconstructor(RIG, settings=SETTINGS, device=device)
-    schedule = sw.plan_schedule(long, frames=8, window=reconstructor.window)
+    schedule = reconstructor.plan_schedule(long, frames=8)
     with pytest.raises(ValueError, match="schedule: names frame 30 of a survey of 11, was made for another one"):
         reconstructor.plan(short, schedule)
     blind = replace(long, frames=none_of(long.frames))
     with pytest.raises(ValueError, match=r"survey\.frames: empty, nothing to reconstruct"):
-        reconstructor.plan(blind, sw.plan_schedule(blind, frames=8, window=reconstructor.window))
+        reconstructor.plan(blind, reconstructor.plan_schedule(blind, frames=8))
     with pytest.raises(ValueError, match=r"seed: -1, must be at least 0"):
         reconstructor.plan(long, schedule, seed=-1)
     fine = replace(SETTINGS, likelihood_field=replace(SETTINGS.likelihood_field, cell=0.001))

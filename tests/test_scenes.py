@@ -4,6 +4,7 @@ import math
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal, NamedTuple, cast
 
@@ -623,6 +624,43 @@ def test_a_mesh_is_half_buried_with_its_front_at_the_origin(roughness):
     assert deployment.name == "hill"
     # 1.5 m over the top is more than 2.5 m over the seabed here.
     assert deployment.trajectory.poses[0, 2] == pytest.approx(3.05)
+
+
+def test_a_mesh_that_lists_is_centred_on_what_stays_in_the_water():
+    """A wall that leans over: what of it is over the seabed is as far to the left as to the right."""
+    box = trimesh.creation.box((2.0, 0.3, 1.5))
+    box.apply_transform(trimesh.transformations.rotation_matrix(0.8, [1, 0, 0]))
+    mesh = Scene(vertices=box.vertices + np.array([3.0, 5.0, 7.0]), faces=box.faces, impedance=np.full(12, 9e6))
+    body = scenes.bury(mesh)
+    low, high = body.bounds()
+    assert (low[0], low[2], high[2]) == pytest.approx((0.0, -high[2], -low[2]))
+    dense, _ = trimesh.remesh.subdivide_to_size(body.vertices, body.faces, 0.005)
+    over = dense[dense[:, 2] >= 0.0]
+    bounds = scenes.exposed_bounds(body)
+    # A corner of the section with the seabed may lie an edge of the fine mesh away.
+    assert np.stack([over.min(axis=0), over.max(axis=0)]) == pytest.approx(bounds, abs=0.005)
+    assert bounds[:, 1].sum() == pytest.approx(0.0)
+    assert abs(body.bounds()[:, 1].sum()) > 0.1
+    deployed = scenes.mesh_deployment(mesh).parts()[-1][1]
+    assert np.array_equal(deployed.vertices, body.vertices)
+
+
+def test_what_is_all_under_the_seabed_has_no_bounds_over_it():
+    with pytest.raises(ValueError, match=r"scene: highest at z = -1 m, must reach over 0"):
+        scenes.exposed_bounds(Scene(**TRIANGLE).moved((0.0, 0.0, -2.0)))
+
+
+def test_parts_are_the_seabed_and_the_bodies_in_the_order_of_faces():
+    deployment = scenes.pair_deployment(TABLE_2[0], "aligned")
+    parts = deployment.parts()
+    assert [name for name, _ in parts] == ["Seabed", "first", "second"]
+    joined = Scene.join(*(part for _, part in parts))
+    assert np.array_equal(joined.vertices[joined.faces], deployment.scene.vertices[deployment.scene.faces])
+    assert np.array_equal(joined.impedance, deployment.scene.impedance)
+    assert [name for name, _ in replace(deployment, bodies=()).parts()] == ["Surface"]
+    for sizes in ((0,), (len(deployment.scene.faces),)):
+        with pytest.raises(ValueError, match=r"bodies: .* must be at least 1 each, and some left for the seabed"):
+            replace(deployment, bodies=tuple(("it", size) for size in sizes))
 
 
 def test_a_low_mesh_is_passed_at_2_and_a_half_metres():

@@ -14,7 +14,7 @@ WRONG = [
     (lambda: sw.Detection(memory=0.5), r"Detection\.memory: 0\.5 is outside"),
     (lambda: sw.LikelihoodField(cell=0.0), r"LikelihoodField\.cell: 0 is outside"),
     (lambda: sw.LikelihoodField(miss=1.0), r"LikelihoodField\.miss: 1 is outside \[-100, 0\]"),
-    (lambda: sw.LikelihoodField(informed=7.0), r"LikelihoodField\.informed: 7 is outside \[0, 6\]"),
+    (lambda: sw.LikelihoodField(informed=9.0), r"LikelihoodField\.informed: 9 is outside \[0, 8\]"),
     (lambda: sw.RangeMixture(weight_hit=0.5), r"RangeMixture weights: sum to 0\.6, must sum to 1"),
     (lambda: sw.RangeMixture(deviation=0.0), r"RangeMixture\.deviation: 0 is outside"),
     (lambda: sw.ReconstructionSettings(particles=0), r"ReconstructionSettings\.particles: 0 is outside"),
@@ -50,4 +50,4 @@ def test_defaults_are_within_their_bounds():
     settings = sw.ReconstructionSettings()
     weights = [getattr(settings.mixture, f"weight_{part}") for part in ("hit", "short", "random", "seabed")]
     assert sum(weights) == pytest.approx(1.0)
-    assert settings.causal
+    assert not settings.causal

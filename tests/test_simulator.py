@@ -10,7 +10,8 @@ import warp as wp
 import sonarwarp as sw
 from sonarwarp.simulator import seabed_echo
 from sonarwarp_scenes import Extent, flat_seabed
-from tests.small_runs import RIG, SETTINGS, allocations, none_of, run, scene, stream
+from tests.small_logs import same_survey
+from tests.small_runs import RIG, SETTINGS, allocations, none_of, run, same_points, scene, stream
 
 NOISE = sw.Noise()
 
@@ -194,6 +195,35 @@ def test_simulate_equals_the_rounds_in_any_memory(device, frames):
     found = stream([run()], [scene()], device=device, noise=NOISE, seed=3)
     assert np.array_equal(log.images, found[0])
     assert np.array_equal(log.echoes, found[1])
+
+
+def test_echoes_come_from_where_the_sonars_are_and_the_log_says_where_they_seem(device):
+    way = {"motion": sw.Motion(), "navigation": sw.Navigation(), "seed": 3}
+    true, believed = sw.plan_disturbed(RIG, [run()], **way)
+    log = sw.simulate(RIG, scene(), run(), **way, device=device)
+    assert same_survey(log.survey, believed)
+    assert log.truth is not None
+    assert same_survey(log.truth, true)
+    schedule = sw.plan_schedule(true, frames=8, window=6)
+    simulator = sw.Simulator(RIG, device=device)
+    simulator.plan(true, [scene()], schedule, seed=3)
+    simulator.step()
+    frame = schedule.round_frame[0][schedule.round_frame[0] >= 0]
+    assert np.array_equal(simulator.read()[0][: len(frame)], log.images[frame])
+
+
+def test_only_the_estimate_is_reconstructed_from(device):
+    log = sw.simulate(RIG, scene(), run(), motion=sw.Motion(), navigation=sw.Navigation(), seed=3, device=device)
+    blind = replace(log, truth=None)
+    one, other = (sw.reconstruct(each, settings=SETTINGS, device=device).fused for each in (log, blind))
+    assert len(one) > 50
+    assert same_points(one, other)
+    exact = sw.reconstruct(replace(log, survey=log.truth), settings=SETTINGS, device=device).fused
+    assert not same_points(one, exact)
+    assert log.truth is not None
+    short = replace(log.truth, frames=none_of(log.truth.frames))
+    with pytest.raises(ValueError, match=r"SonarLog\.truth\.frames: other rows than survey\.frames"):
+        replace(log, truth=short)
 
 
 def test_a_trajectory_needs_a_scene(device):

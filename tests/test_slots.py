@@ -81,6 +81,29 @@ def test_slots_carry_what_belongs_to_their_frame_and_empty_ones_an_empty_scene(d
     assert key_out[1] == 0
 
 
+@pytest.mark.parametrize("threads", [1, 3])
+def test_slots_carry_the_noise_of_their_frame_and_empty_ones_none(device, threads):
+    knot_keys = np.array([[1, 2**64 - 1], [2**63, 3], [2**40, 7]], dtype=np.uint64)
+    blend, background = np.array([0.0, 0.5, 0.25]), np.array([1.0, 2.0, 4.0])
+    out = [
+        wp.zeros((4, 2), dtype=wp.uint64, device=device),
+        wp.full(4, 9.0, dtype=float, device=device),
+        wp.full(4, 9.0, dtype=float, device=device),
+    ]
+    slots.load_noise(
+        on(device, [2, EMPTY, 0, 1]),
+        on(device, knot_keys, wp.uint64),
+        on(device, blend, float),
+        on(device, background, float),
+        *out,
+        device=device,
+        threads=threads,
+    )
+    assert np.array_equal(out[0].numpy()[[0, 2, 3]], knot_keys[[2, 0, 1]])
+    assert out[1].numpy().tolist() == [0.25, 0.0, 0.0, 0.5]
+    assert out[2].numpy().tolist() == [4.0, 0.0, 1.0, 2.0]
+
+
 ROWS = {
     "numbers": (float, np.arange(12, dtype=np.float32).reshape(4, 3)),
     "points": (wp.vec3, np.arange(36, dtype=np.float32).reshape(4, 3, 3)),
@@ -122,6 +145,15 @@ ARRAYS = {
         "key_out": ((3,), wp.uint64),
         "scene_out": ((3,), int),
     },
+    "load_noise": {
+        "slot_index": ((3,), int),
+        "knot_keys": ((5, 2), wp.uint64),
+        "blend": ((5,), float),
+        "background": ((5,), float),
+        "knot_keys_out": ((3, 2), wp.uint64),
+        "blend_out": ((3,), float),
+        "background_out": ((3,), float),
+    },
     "scatter_rows": {"slot_index": ((3,), int), "value": ((3, 2), float), "value_out": ((5, 2), float)},
     "gather_rows": {"slot_index": ((3,), int), "value": ((5, 2), float), "value_out": ((3, 2), float)},
 }
@@ -138,6 +170,13 @@ WRONG = [
     ("load_poses", "pose_out", (2,), wp.transform, r"pose_out: expected shape \(3,\), got \(2,\)"),
     ("load_poses", "key_out", (3,), int, "key_out: expected dtype uint64, got int32"),
     ("load_poses", "scene_out", (2,), int, r"scene_out: expected shape \(3,\), got \(2,\)"),
+    ("load_noise", "slot_index", (3,), float, "slot_index: expected dtype int32, got float32"),
+    ("load_noise", "knot_keys", (4, 2), wp.uint64, r"knot_keys: expected shape \(5, 2\), got \(4, 2\)"),
+    ("load_noise", "blend", (5,), int, "blend: expected dtype float32, got int32"),
+    ("load_noise", "background", (4,), float, r"background: expected shape \(5,\), got \(4,\)"),
+    ("load_noise", "knot_keys_out", (3,), wp.uint64, r"knot_keys_out: expected shape \(3, 2\), got \(3,\)"),
+    ("load_noise", "blend_out", (2,), float, r"blend_out: expected shape \(3,\), got \(2,\)"),
+    ("load_noise", "background_out", (2,), float, r"background_out: expected shape \(3,\), got \(2,\)"),
     ("scatter_rows", "slot_index", (2,), int, r"value: expected shape \(2, any\), got \(3, 2\)"),
     ("scatter_rows", "value", (3,), float, r"value: expected shape \(3, any\), got \(3,\)"),
     ("scatter_rows", "value", (3, 2), int, "value: expected dtype float32 or vec3f, got int32"),

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import sonarwarp as sw
-from sonarwarp.navigation import Motion, Navigation, plan_disturbed
 from sonarwarp.store import StoreError
 from sonarwarp.store_read import open_log
 from sonarwarp.store_simulation import simulate_to_store, survey_to_store
@@ -35,7 +34,7 @@ def test_a_log_comes_back_to_the_bit(tmp_path):
     assert np.array_equal(again.echoes, log.echoes)
     assert stored.noise == sw.Noise()
     assert stored.reconstruction == small_runs.SETTINGS
-    assert stored.true_survey is None
+    assert stored.truth is None
     assert not stored.has_contacts
     chunks = list(stored.image_chunks())
     assert [first for first, _ in chunks] == list(range(0, 300, CHUNK))
@@ -108,7 +107,7 @@ def test_xarray_opens_and_plots_it_without_us(tmp_path):
 
     mpl.use("Agg")
     log = small_log()
-    log_to_store(log, tmp_path / "run.zarr", truth=log.survey)
+    log_to_store(replace(log, truth=log.survey), tmp_path / "run.zarr")
     fls = xr.open_zarr(tmp_path / "run.zarr", group="fls")
     ps = xr.open_zarr(tmp_path / "run.zarr", group="ps")
     truth = xr.open_zarr(tmp_path / "run.zarr", group="truth")
@@ -197,7 +196,7 @@ def test_a_simulation_to_disk_is_the_one_in_memory(tmp_path, device):
     expected = first_contacts(log.survey, [scene], elevations=256, device=device)
     for name in ("range", "azimuth", "elevation", "face"):
         assert np.array_equal(getattr(stored.contacts_of(rows), name), getattr(expected, name)), name
-    assert same_survey(stored.true_survey, log.survey)
+    assert same_survey(stored.truth, log.survey)
 
 
 def test_runs_of_a_batch_are_written_in_order_of_time_and_reconstruct_alike(tmp_path, device):
@@ -227,17 +226,18 @@ def test_a_log_on_disk_reconstructs_to_the_same_bits(tmp_path, device):
 
 
 def test_navigation_and_truth_are_kept_apart(tmp_path, device):
-    true, believed = plan_disturbed(
-        small_runs.RIG, [small_runs.run()], motion=Motion(), navigation=Navigation(), seed=1
-    )
+    way = {"motion": sw.Motion(), "navigation": sw.Navigation(), "seed": 1}
+    true, believed = sw.plan_disturbed(small_runs.RIG, [small_runs.run()], **way)
     path = tmp_path / "run.zarr"
-    survey_to_store(true, [small_runs.scene()], path, believed=believed, device=device, memory=FEW)
+    simulate_to_store(small_runs.RIG, small_runs.scene(), small_runs.run(), path, **way, device=device, memory=FEW)
     stored = open_log(path)
     assert same_survey(stored.survey, believed)
-    assert stored.true_survey is not None
-    assert np.array_equal(stored.true_survey.frames.pose, true.frames.pose)
-    assert np.array_equal(stored.true_survey.pings.head_angle, true.pings.head_angle)
-    assert not np.array_equal(stored.survey.frames.pose, stored.true_survey.frames.pose)
+    for loaded in (stored, stored.load()):
+        assert loaded.truth is not None
+        assert same_survey(loaded.truth, true)
+    assert not np.array_equal(believed.frames.pose, true.frames.pose)
+    survey_to_store(true, [small_runs.scene()], tmp_path / "again.zarr", believed=believed, seed=1, device=device)
+    assert np.array_equal(open_log(tmp_path / "again.zarr").load().images, stored.load().images)
     with pytest.raises(StoreError, match=r"no first contacts, simulate it with truth"):
         stored.contacts_of(np.arange(2))
 

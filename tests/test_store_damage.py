@@ -60,7 +60,7 @@ def is_sound_or_refused(path: Path) -> str | None:
     assert np.array_equal(loaded.images, LOG.images[:frames])
     assert np.array_equal(loaded.echoes, LOG.echoes[:pings])
     assert same_survey(stored.survey, LOG.survey, frames, pings)
-    assert stored.true_survey is None or same_survey(stored.true_survey, LOG.survey, frames, pings)
+    assert stored.truth is None or same_survey(stored.truth, LOG.survey, frames, pings)
     if contacts is not None:
         assert np.array_equal(contacts.face, CONTACTS.face[:frames])
         assert np.array_equal(contacts.range, CONTACTS.range[:frames])

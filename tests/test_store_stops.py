@@ -4,18 +4,22 @@ import errno
 import json
 import os
 import random
+import resource
 import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from sonarwarp.cloud import PointCloud
 from sonarwarp.store import StoreError
 from sonarwarp.store_read import open_log
+from sonarwarp.store_scratch import scratch_folder
 from sonarwarp.store_write import StoreWriter, log_to_store
 from tests import small_runs, store_victim
 from tests.small_logs import same_survey, small_log
@@ -236,14 +240,84 @@ def test_no_folder_and_no_permission_are_said_in_one_line(tmp_path):
     assert (tmp_path / "file").read_text() == "words"
 
 
-@pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="root may write anywhere")
-def test_a_folder_that_may_not_be_written_is_said_in_one_line(tmp_path):
-    tmp_path.chmod(0o500)
+@pytest.fixture
+def locked_folder():
+    """A folder that may be read and not written: root, who may write anywhere, is nobody meanwhile."""
+    # Outside of pytest's own folders, which nobody may enter.
+    folder = Path(tempfile.mkdtemp())
+    folder.chmod(0o555)
+    user = os.geteuid()
+    if user == 0:
+        os.seteuid(65534)
     try:
-        with pytest.raises(StoreError, match=r"run\.zarr: cannot be created: Permission denied; choose a folder"):
-            log_to_store(small_log(), tmp_path / "run.zarr")
+        yield folder
     finally:
-        tmp_path.chmod(0o700)
+        os.seteuid(user)
+        shutil.rmtree(folder)
+
+
+def test_a_folder_that_may_not_be_written_is_said_in_one_line(tmp_path, locked_folder):
+    with pytest.raises(StoreError, match=r"run\.zarr: cannot be created: Permission denied; choose a folder"):
+        log_to_store(small_log(), locked_folder / "run.zarr")
+    cloud = PointCloud(points=np.zeros((1, 3)))
+    for name, write in (("a.ply", cloud.write_ply), ("a.npz", cloud.write_npz)):
+        with pytest.raises(PermissionError, match=rf"Permission denied: '{locked_folder}/{name}'"):
+            write(locked_folder / name)
+    assert list(locked_folder.iterdir()) == []
+
+
+def test_a_full_disk_keeps_the_cloud_that_was_there(tmp_path):
+    path = tmp_path / "cloud.npz"
+    PointCloud(points=np.ones((1, 3))).write_npz(path)
+    whole = path.read_bytes()
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    kept = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
+    try:
+        with pytest.raises(OSError, match=r"File too large: '.*cloud\.npz'"):
+            PointCloud(points=np.random.default_rng(0).normal(size=(1000, 3))).write_npz(path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        signal.signal(signal.SIGXFSZ, kept)
+    assert path.read_bytes() == whole
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_the_next_log_sweeps_what_a_killed_writer_left(writers, whole_run, tmp_path):
+    path = tmp_path / "run.zarr"
+    writers.start(path, whole_run[1] // 2)
+    assert writers.end()[-1]["signal"] == signal.SIGKILL
+    (left,) = tmp_path.iterdir()
+    assert left.name.startswith(".run.zarr.")
+    log_to_store(small_log(), path)
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_what_a_living_writer_makes_is_not_swept_nor_are_other_things(tmp_path):
+    path = tmp_path / "run.zarr"
+    others = {f".run.zarr.{'a' * 32}.txt", ".run.zarr.notes", f".other.zarr.{'a' * 32}", f".run.zarr.{'a' * 31}"}
+    for name in others:
+        (tmp_path / name).mkdir()
+    with scratch_folder(path) as living:
+        log_to_store(small_log(), path)
+        assert {entry.name for entry in tmp_path.iterdir()} == {*others, living.name, path.name}
+    assert {entry.name for entry in tmp_path.iterdir()} == {*others, path.name}
+
+
+@pytest.mark.parametrize("overwrite", [False, True])
+def test_a_log_that_was_about_to_be_replaced_is_not_lost(tmp_path, overwrite):
+    path, log, scratch = tmp_path / "run.zarr", small_log(), tmp_path / f".run.zarr.{'a' * 32}"
+    log_to_store(log, path)
+    # Killed between the two renames.
+    path.rename(scratch.with_name(f"{scratch.name}.old"))
+    scratch.mkdir()
+    if overwrite:
+        log_to_store(small_log(seed=1), path, overwrite=True)
+    else:
+        with pytest.raises(StoreError, match=r"run\.zarr: exists already"):
+            log_to_store(small_log(seed=1), path)
+    assert np.array_equal(open_log(path).load().images, small_log(seed=int(overwrite)).images)
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_a_read_only_file_system_is_said_in_one_line(small_disk):

@@ -12,7 +12,20 @@ import tomlkit
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from sonarwarp import FLS, NO_NOISE, PRESETS, PS, Mount, Noise, ReconstructionSettings, Rig
+from sonarwarp import (
+    EXACT_NAVIGATION,
+    FLS,
+    NO_MOTION,
+    NO_NOISE,
+    PRESETS,
+    PS,
+    Motion,
+    Mount,
+    Navigation,
+    Noise,
+    ReconstructionSettings,
+    Rig,
+)
 from sonarwarp.sonar import uniform_edges
 from sonarwarp.toml_settings import (
     parse_noise,
@@ -24,7 +37,7 @@ from sonarwarp.toml_settings import (
     read_settings,
 )
 from sonarwarp.toml_text import field_comments, preset_text, toml_text
-from tests.attempts import attempt
+from tests.attempts import attempt, count_inputs
 
 FUZZ = settings(deadline=None, max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
@@ -68,7 +81,10 @@ def test_a_preset_survives_its_text(tmp_path, name):
     path.write_text(preset_text(name))
     read = read_configuration(path)
     assert same(read.rig, PRESETS[name])
-    assert same(read.noise, Noise() if name == "paper field" else NO_NOISE)
+    at_sea = name == "paper field"
+    assert same(read.noise, Noise() if at_sea else NO_NOISE)
+    assert same(read.motion, Motion() if at_sea else NO_MOTION)
+    assert same(read.navigation, Navigation() if at_sea else EXACT_NAVIGATION)
     assert same(read.reconstruction, ReconstructionSettings())
     assert same(read_rig(path), read.rig)
     assert same(read_noise(path), read.noise)
@@ -83,6 +99,8 @@ def test_a_preset_has_every_field_with_its_docstring_and_default():
         (PS, table["ps"]),
         (Mount, table["fls_mount"]),
         (Noise, table["noise"]),
+        (Motion, table["motion"]),
+        (Navigation, table["navigation"]),
         (ReconstructionSettings, nested),
         *((type(getattr(ReconstructionSettings(), key)), nested[key]) for key in ("detection", "mixture")),
     ):
@@ -106,12 +124,20 @@ def test_equal_steps_and_written_edges_say_the_same():
     assert same(parse_rig(tomlkit.dumps(document), "rig"), Rig())
 
 
-def test_what_is_left_out_keeps_its_default():
+def test_what_is_left_out_keeps_its_default(tmp_path):
     rig = parse_rig("[fls]\nbins = 256\n", "rig")
     assert same(rig, Rig(fls=FLS(range_edge=uniform_edges(0.42, 5.42, 256))))
     assert rig.ps_mount.roll_deg == 90.0
     assert parse_noise("[noise]\nspeckle = false\n", "noise") == Noise(speckle=False)
     assert parse_noise('[noise]\nbackground_db = "none"\n', "noise").background_db is None
+    (tmp_path / "rig.toml").write_text("[motion]\nheave = 0.1\n[navigation]\ndepth = 0.0\n")
+    read = read_configuration(tmp_path / "rig.toml")
+    assert read.motion == Motion(heave=0.1)
+    assert read.navigation == Navigation(depth=0.0)
+    assert read.noise == NO_NOISE
+    (tmp_path / "rig.toml").write_text("[noise]\n")
+    read = read_configuration(tmp_path / "rig.toml")
+    assert (read.motion, read.navigation) == (NO_MOTION, EXACT_NAVIGATION)
     assert same(parse_settings("[reconstruction]\n", "settings"), ReconstructionSettings())
     assert parse_settings("[reconstruction.mixture]\ndeviation = 1\n", "settings").mixture.deviation == 1.0
 
@@ -178,6 +204,7 @@ def test_every_value_of_a_wrong_type_is_refused_by_name(tmp_path, kind):
             read_configuration(path)
         assert str(refusal.value).startswith(f"{path}: {'.'.join(leaf)}: ")
         assert len(str(refusal.value).splitlines()) == 1
+        count_inputs()
         refused += 1
     assert refused > 15
 
@@ -200,6 +227,7 @@ def test_every_number_out_of_range_is_refused_by_name(tmp_path, value):
         # The sum of the mixture's weights and the first borders of a fan go by other names.
         assert ".".join(leaf[:-1]) in str(refusal.value)
         assert len(str(refusal.value).splitlines()) == 1
+        count_inputs()
         refused += 1
     assert refused > 40
 
@@ -208,6 +236,7 @@ def test_every_misspelt_key_is_answered_with_the_right_one():
     document = tomllib.loads(FIELD)
     for leaf in LEAVES:
         wrong = leaf[-1][:-1] + leaf[-1][-1] * 2
+        count_inputs()
         with pytest.raises(ValueError, match=r"unknown, did you mean") as refusal:
             parse_all(changed((*leaf[:-1], wrong), 1))
         assert str(refusal.value) == f"rig: {'.'.join((*leaf[:-1], wrong))}: unknown, did you mean '{leaf[-1]}'?"
@@ -216,6 +245,23 @@ def test_every_misspelt_key_is_answered_with_the_right_one():
     with pytest.raises(ValueError, match=r"rig: fls\.q: unknown, must be one of beams, field_of_view_deg, azimuth"):
         parse_rig("[fls]\nq = 1\n", "rig")
     assert "reconstruction" in document
+
+
+MISREAD = {
+    "motion": ("[motion]\nheave = -1\n", r"rig\.toml: motion\.heave: -1 is outside \[0, 90\]"),
+    "a period": ("[motion]\nyaw_period = 0\n", r"rig\.toml: motion\.yaw_period: 0 is outside \[0\.1, 1e\+06\]"),
+    "navigation": ("[navigation]\ndepth = 11\n", r"rig\.toml: navigation\.depth: 11 is outside \[0, 10\]"),
+    "a fix rate": ('[navigation]\nfix_rate = "none"\n', r"rig\.toml: navigation\.fix_rate: 'none', must be a number"),
+    "a misspelt table": ("[navigaton]\n", r"rig\.toml: navigaton: unknown, did you mean 'navigation'\?"),
+}
+
+
+@pytest.mark.parametrize("case", MISREAD)
+def test_careless_motion_and_navigation_are_refused_with_their_bound(tmp_path, case):
+    text, message = MISREAD[case]
+    (tmp_path / "rig.toml").write_text(text)
+    with pytest.raises(ValueError, match=message):
+        read_configuration(tmp_path / "rig.toml")
 
 
 def parse_all(text: str) -> tuple:

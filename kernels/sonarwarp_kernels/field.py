@@ -20,13 +20,13 @@ FIXED_POINT = wp.constant(65536.0)
 """Counts per unit of log-odds: a cell holds sums up to 32,767 either way."""
 
 
-def check_field(grid: Grid, name: str, log_odds: wp.array, device: Any) -> None:
-    """Refuse a grid and the array of its fields, called ``name``, that do not fit each other."""
+def check_field(grid: Grid, name: str, cells: wp.array, dtype: Any, device: Any) -> None:
+    """Refuse a grid and an array of its cells, called ``name``, that do not fit each other."""
     if not grid.cell > 0.0:
         raise ValueError(f"grid.cell: must be above 0, got {grid.cell}")
     check_array("grid.origin", grid.origin, (None,), wp.vec3, device)
     check_array("grid.size", grid.size, (grid.origin.shape[0],), wp.vec3i, device)
-    check_array(name, log_odds, (grid.origin.shape[0], grid.nx, grid.ny, grid.nz), wp.int32, device)
+    check_array(name, cells, (grid.origin.shape[0], grid.nx, grid.ny, grid.nz), dtype, device)
 
 
 @wp.func
@@ -170,7 +170,7 @@ def update_field(
     pings = trajectory.shape[0]
     check_array("world_from_head", world_from_head, (pings,), wp.transform, device)
     check_array("footprint", footprint, (pings, None), wp.vec3, device)
-    check_field(grid, "log_odds_out", log_odds_out, device)
+    check_field(grid, "log_odds_out", log_odds_out, wp.int32, device)
     if sign not in (1, -1):
         raise ValueError(f"sign: {sign} is neither 1 nor -1")
     lane_count = lanes(device)
@@ -197,6 +197,15 @@ def cell_log_odds(
 
 
 @wp.func
+def corner_weight(fraction: wp.vec3, corner: int) -> float:
+    """Trilinear weight of one of the eight cells around a point, its bits the offsets along x, y and z."""
+    x = wp.where((corner & 1) == 1, fraction[0], 1.0 - fraction[0])
+    y = wp.where(((corner >> 1) & 1) == 1, fraction[1], 1.0 - fraction[1])
+    z = wp.where((corner >> 2) == 1, fraction[2], 1.0 - fraction[2])
+    return x * y * z
+
+
+@wp.func
 def read_log_odds(
     grid: Grid, log_odds: wp.array4d(dtype=int), owner: int, point: wp.vec3, low: float, high: float
 ) -> float:
@@ -206,24 +215,12 @@ def read_log_odds(
     ix = int(wp.floor(place[0]))
     iy = int(wp.floor(place[1]))
     iz = int(wp.floor(place[2]))
-    fx = place[0] - float(ix)
-    fy = place[1] - float(iy)
-    fz = place[2] - float(iz)
+    fraction = place - wp.vec3(float(ix), float(iy), float(iz))
     total = float(0.0)
     for corner in range(8):
-        dx = corner & 1
-        dy = (corner >> 1) & 1
-        dz = corner >> 2
-        wx = 1.0 - fx
-        wy = 1.0 - fy
-        wz = 1.0 - fz
-        if dx == 1:
-            wx = fx
-        if dy == 1:
-            wy = fy
-        if dz == 1:
-            wz = fz
-        total += wx * wy * wz * cell_log_odds(log_odds, size, owner, ix + dx, iy + dy, iz + dz, low, high)
+        dx, dy, dz = corner & 1, (corner >> 1) & 1, corner >> 2
+        value = cell_log_odds(log_odds, size, owner, ix + dx, iy + dy, iz + dz, low, high)
+        total += corner_weight(fraction, corner) * value
     return total
 
 
@@ -276,7 +273,7 @@ def read_field(
         ValueError: an array of the wrong shape, type or device.
     """
     device = wp.get_device(device)
-    check_field(grid, "log_odds", log_odds, device)
+    check_field(grid, "log_odds", log_odds, wp.int32, device)
     check_array("point", point, (None,), wp.vec3, device)
     points = point.shape[0]
     check_array("trajectory", trajectory, (points,), wp.int32, device)

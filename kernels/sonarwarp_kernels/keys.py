@@ -75,13 +75,13 @@ def frame_keys(
     device: Any = None,
     threads: int = 1,
 ) -> None:
-    """Keys of frames or pings.
+    """Keys of frames or pings, or of the knots between which their speckle is interpolated.
 
     Args:
         seed: user's seed, shape [trajectory].
         trajectory_key: what names a trajectory wherever it stands in a batch, shape [trajectory].
         trajectory: trajectory of each frame, shape [frame].
-        number: number of the frame within its trajectory, shape [frame].
+        number: number of the frame, or of a knot, within its trajectory, shape [frame].
         sonar: ``FLS_FRAMES`` or ``PS_PINGS``.
         key_out: shape [frame].
     """

@@ -114,6 +114,25 @@ def draw_particle(
     return drawn
 
 
+def check_contacts(fan: Fan, contacts: Contacts, device: Any) -> None:
+    """Refuse contacts that do not fit each other or their fan.
+
+    Raises:
+        ValueError: an array of the wrong shape, type or device.
+    """
+    check_array("fan.azimuth", fan.azimuth, (None,), wp.float32, device)
+    check_array("fan.range_edge", fan.range_edge, (None,), wp.float32, device)
+    if fan.range_edge.shape[0] < 2:
+        raise ValueError(f"fan.range_edge: needs at least 2 edges, got {fan.range_edge.shape[0]}")
+    check_array("contacts.trajectory", contacts.trajectory, (None,), wp.int32, device)
+    beams = fan.azimuth.shape[0]
+    frames = contacts.trajectory.shape[0]
+    check_array("contacts.key", contacts.key, (frames,), wp.uint64, device)
+    check_array("contacts.world_from_sensor", contacts.world_from_sensor, (frames,), wp.transform, device)
+    check_array("contacts.seabed_range", contacts.seabed_range, (frames, beams), wp.float32, device)
+    check_array("contacts.critical_range", contacts.critical_range, (frames, beams), wp.float32, device)
+
+
 def check_inputs(
     fan: Fan,
     grid: Grid,
@@ -132,19 +151,9 @@ def check_inputs(
     check_mixture(mixture)
     if not -80.0 <= reading.low <= reading.high:
         raise ValueError(f"reading.low: must lie between -80 and reading.high = {reading.high:g}, got {reading.low:g}")
-    check_array("fan.azimuth", fan.azimuth, (None,), wp.float32, device)
-    check_array("fan.range_edge", fan.range_edge, (None,), wp.float32, device)
-    if fan.range_edge.shape[0] < 2:
-        raise ValueError(f"fan.range_edge: needs at least 2 edges, got {fan.range_edge.shape[0]}")
-    check_array("contacts.trajectory", contacts.trajectory, (None,), wp.int32, device)
-    beams = fan.azimuth.shape[0]
-    frames = contacts.trajectory.shape[0]
-    check_array("contacts.key", contacts.key, (frames,), wp.uint64, device)
-    check_array("contacts.world_from_sensor", contacts.world_from_sensor, (frames,), wp.transform, device)
-    check_array("contacts.seabed_range", contacts.seabed_range, (frames, beams), wp.float32, device)
-    check_array("contacts.critical_range", contacts.critical_range, (frames, beams), wp.float32, device)
+    check_contacts(fan, contacts, device)
     check_array("slot_frame", slot_frame, (None,), wp.int32, device)
-    check_field(grid, "log_odds", log_odds, device)
+    check_field(grid, "log_odds", log_odds, wp.int32, device)
 
 
 @wp.kernel

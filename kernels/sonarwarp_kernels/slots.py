@@ -132,6 +132,72 @@ def load_poses(
 
 
 @wp.kernel
+def load_noise_kernel(
+    first: int,
+    slot_index: wp.array(dtype=int),  # [slot]
+    knot_keys: wp.array2d(dtype=wp.uint64),  # [frame, 2]
+    blend: wp.array(dtype=float),  # [frame]
+    background: wp.array(dtype=float),  # [frame]
+    knot_keys_out: wp.array2d(dtype=wp.uint64),  # [slot, 2]
+    blend_out: wp.array(dtype=float),  # [slot]
+    background_out: wp.array(dtype=float),  # [slot]
+):
+    slot = first + wp.tid()
+    index = slot_index[slot]
+    if index == EMPTY:
+        blend_out[slot] = 0.0
+        background_out[slot] = 0.0
+    else:
+        knot_keys_out[slot, 0] = knot_keys[index, 0]
+        knot_keys_out[slot, 1] = knot_keys[index, 1]
+        blend_out[slot] = blend[index]
+        background_out[slot] = background[index]
+
+
+def load_noise(
+    slot_index: wp.array,
+    knot_keys: wp.array,
+    blend: wp.array,
+    background: wp.array,
+    knot_keys_out: wp.array,
+    blend_out: wp.array,
+    background_out: wp.array,
+    *,
+    device: Any = None,
+    threads: int = 1,
+) -> None:
+    """Copy what the noise kernels read about each slot's frame or ping; empty slots have no noise.
+
+    Args:
+        slot_index: shape [slot].
+        knot_keys: keys of the knots of speckle before and after, shape [frame, 2].
+        blend: how far a frame is from the one to the other, shape [frame].
+        background: mean of the background, shape [frame].
+        knot_keys_out: shape [slot, 2]; that of empty slots stays.
+        blend_out: shape [slot].
+        background_out: shape [slot].
+    """
+    device = wp.get_device(device)
+    slots = slot_index.shape[0]
+    frames = blend.shape[0]
+    check_array("slot_index", slot_index, (slots,), wp.int32, device)
+    check_array("knot_keys", knot_keys, (frames, 2), wp.uint64, device)
+    check_array("blend", blend, (frames,), wp.float32, device)
+    check_array("background", background, (frames,), wp.float32, device)
+    check_array("knot_keys_out", knot_keys_out, (slots, 2), wp.uint64, device)
+    check_array("blend_out", blend_out, (slots,), wp.float32, device)
+    check_array("background_out", background_out, (slots,), wp.float32, device)
+    launch(
+        load_noise_kernel,
+        (slots,),
+        [slot_index, knot_keys, blend, background],
+        [knot_keys_out, blend_out, background_out],
+        device,
+        threads,
+    )
+
+
+@wp.kernel
 def scatter_rows_kernel(
     first: int,
     slot_index: wp.array(dtype=int),  # [slot]

@@ -1,5 +1,6 @@
 """Scenes, trajectories and the paper's deployments, as plain arrays."""
 
+from sonarwarp_scenes.burial import bury, exposed_bounds
 from sonarwarp_scenes.conversion import Conversion
 from sonarwarp_scenes.deployments import (
     Deployment,
@@ -44,6 +45,8 @@ __all__ = [
     "Trajectory",
     "Wedge",
     "brick_deployment",
+    "bury",
+    "exposed_bounds",
     "flat_seabed",
     "mesh_deployment",
     "pair_deployment",

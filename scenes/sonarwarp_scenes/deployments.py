@@ -6,11 +6,13 @@ start of the run; the imaging sonar needs to only from ``frames_from`` on, which
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
+from sonarwarp_scenes.burial import bury
 from sonarwarp_scenes.checks import check_positive
 from sonarwarp_scenes.materials import CONCRETE
 from sonarwarp_scenes.scene import Scene
@@ -44,7 +46,7 @@ class Deployment:
     """A scene, what is known to lie in it, and a run over it.
 
     Raises:
-        ValueError: ``frames_from`` outside the run.
+        ValueError: ``frames_from`` outside the run, or bodies without faces or with more than the scene has.
     """
 
     name: str
@@ -62,10 +64,35 @@ class Deployment:
     frames_from: float
     """Time from which the imaging sonar needs to record [s]."""
 
+    bodies: tuple[tuple[str, int], ...] = ()
+    """Name and number of faces of each body on the seabed: the scene's last faces, in this order."""
+
     def __post_init__(self) -> None:
+        sizes = [size for _, size in self.bodies]
+        if sizes and (min(sizes) < 1 or sum(sizes) >= len(self.scene.faces)):
+            raise ValueError(f"bodies: {sizes} faces, must be at least 1 each, and some left for the seabed")
         start, end = self.trajectory.times[0], self.trajectory.times[-1]
         if not start <= self.frames_from <= end:
             raise ValueError(f"frames_from: {self.frames_from} s, must be within the run, {start} to {end} s")
+
+    def parts(self) -> list[tuple[str, Scene]]:
+        """The scene cut into ``Seabed`` and bodies, each with its name; one ``Surface`` where there are no bodies."""
+        scene = self.scene
+        sizes = [size for _, size in self.bodies]
+        names = ["Seabed", *(name for name, _ in self.bodies)] if sizes else ["Surface"]
+        cuts = np.cumsum([len(scene.faces) - sum(sizes), *sizes])[:-1]
+        return [
+            (name, _compact(scene.vertices, faces, impedance))
+            for name, faces, impedance in zip(
+                names, np.split(scene.faces, cuts), np.split(scene.impedance, cuts), strict=True
+            )
+        ]
+
+
+def _compact(vertices: np.ndarray, faces: np.ndarray, impedance: np.ndarray) -> Scene:
+    """Some faces of a scene, without the vertices before the first and after the last of theirs."""
+    low, high = int(faces.min()), int(faces.max())
+    return Scene(vertices=vertices[low : high + 1], faces=faces - low, impedance=impedance)
 
 
 def brick_deployment(
@@ -155,7 +182,8 @@ def mesh_deployment(
     speed: float = 0.1,
     imaging_distance: float = 5.5,
 ) -> Deployment:
-    """Any mesh, half-buried: its lowest x at x = 0, centred on y = 0, the middle of its height at the mean seabed.
+    """Any mesh, half-buried: its lowest x at x = 0, the middle of its height at the mean seabed, and what of it is over
+    the seabed centred on y = 0. Among the deployment's parts it is ``Mesh``.
 
     What is wider than the imaging sonar's swath (2.5 m at 5 m) is seen in part.
 
@@ -171,15 +199,13 @@ def mesh_deployment(
     Raises:
         ValueError: a value that is not positive, or an altitude at which the vehicle would run into the mesh.
     """
-    low, high = mesh.bounds()
-    middle = 0.5 * (low + high)
-    body = mesh.moved((-low[0], -middle[1], -middle[2]))
+    body = bury(mesh)
     length, _, top = body.bounds()[1]
     if altitude is None:
         altitude = max(2.5, top + 1.5)
     if not altitude > top:
         raise ValueError(f"altitude: {altitude} m, must be over the mesh's top at {top:.3f} m")
-    return _deployment(name, body, (), length, roughness, altitude, speed, imaging_distance)
+    return _deployment(name, [("Mesh", body)], (), length, roughness, altitude, speed, imaging_distance)
 
 
 def _object_deployment(
@@ -190,14 +216,14 @@ def _object_deployment(
     speed: float,
     imaging_distance: float,
 ) -> Deployment:
-    body = Scene.join(*(item.scene(CONCRETE) for item in objects))
+    bodies = [(item.name, item.scene(CONCRETE)) for item in objects]
     last_back = max(item.back_x for item in objects)
-    return _deployment(name, body, objects, last_back, roughness, altitude, speed, imaging_distance)
+    return _deployment(name, bodies, objects, last_back, roughness, altitude, speed, imaging_distance)
 
 
 def _deployment(
     name: str,
-    body: Scene,
+    bodies: Sequence[tuple[str, Scene]],
     objects: tuple[PlacedObject, ...],
     last_back: float,
     roughness: Roughness | None,
@@ -205,7 +231,7 @@ def _deployment(
     speed: float,
     imaging_distance: float,
 ) -> Deployment:
-    """``body`` on a seabed under a run from ``APPROACH`` before x = 0 to ``OVERRUN`` past ``last_back`` [m]."""
+    """``bodies`` on a seabed under a run from ``APPROACH`` before x = 0 to ``OVERRUN`` past ``last_back`` [m]."""
     check_positive("altitude", altitude)
     check_positive("imaging_distance", imaging_distance)
     start, end = -APPROACH, last_back + OVERRUN
@@ -224,8 +250,9 @@ def _deployment(
         )
     return Deployment(
         name=name,
-        scene=Scene.join(seabed, body),
+        scene=Scene.join(seabed, *(body for _, body in bodies)),
         objects=objects,
+        bodies=tuple((each, len(body.faces)) for each, body in bodies),
         trajectory=straight_trajectory((start, 0.0, altitude), heading=0.0, speed=speed, length=end - start),
         frames_from=max(0.0, APPROACH - imaging_distance) / speed,
     )

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
+import numpy as np
+
 
 @dataclass(frozen=True, kw_only=True)
 class ImpedanceReport:
@@ -80,6 +82,24 @@ class SceneReport:
 
     skipped: tuple[str, ...]
     """What was left out, and why."""
+
+    def faces_of(self, name: str) -> np.ndarray:
+        """Which faces of the scene belong to a part, shape [face].
+
+        Args:
+            name: of a part, or the last word of its prim path; also of a prim, for all parts below it.
+
+        Raises:
+            ValueError: no such part.
+        """
+        wanted = name.rstrip("/")
+        asked = [
+            part.name == wanted or part.name.startswith(f"{wanted}/") or part.name.rsplit("/", 1)[-1] == wanted
+            for part in self.parts
+        ]
+        if not any(asked):
+            raise ValueError(f"part: {name!r}, must be one of {', '.join(part.name for part in self.parts)}")
+        return np.repeat(asked, [part.faces for part in self.parts])
 
     def as_dict(self) -> dict[str, Any]:
         """The report as plain dictionaries, lists, strings and numbers, as for JSON."""

@@ -9,10 +9,8 @@ bit.
 
 from __future__ import annotations
 
-import errno
 import math
-import uuid
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -25,12 +23,19 @@ from sonarwarp_scenes.materials import SAND
 from sonarwarp_scenes.scene import Scene
 from sonarwarp_scenes.trajectories import Trajectory
 from sonarwarp_scenes.usd_impedance import IMPEDANCE_ATTRIBUTE, IMPEDANCE_PRIMVAR
+from sonarwarp_scenes.usd_stage import (
+    add_curves,
+    add_moving,
+    add_still,
+    extent,
+    free_path,
+    new_stage,
+    save,
+    set_times,
+)
 
 if TYPE_CHECKING:
-    from pxr import Gf, Sdf, Usd, UsdGeom
-
-TIME_CODES_PER_SECOND = 32.0
-"""A power of two, so that times in seconds come back bit for bit; near the frames that viewers show in a second."""
+    from pxr import Sdf, Usd
 
 FRAMES_FROM_ATTRIBUTE = "sonarwarp:framesFrom"
 
@@ -114,9 +119,9 @@ def write_scene(path: str | Path, scene: Scene, *, name: str = "Surface") -> Non
         OSError: the folder does not exist, may not be written, or its disk is full.
         ModuleNotFoundError: usd-core is not installed.
     """
-    stage = _new_stage("Triangles with an acoustic impedance each.")
+    stage = new_stage("Triangles with an acoustic impedance each.")
     _add_mesh(stage, stage.GetDefaultPrim().GetPath(), name, scene)
-    _save(stage, Path(path))
+    save(stage, Path(path))
 
 
 def write_deployment(path: str | Path, deployment: Deployment, *, sonars: Sequence[SonarOutline] = ()) -> None:
@@ -139,69 +144,23 @@ def write_deployment(path: str | Path, deployment: Deployment, *, sonars: Sequen
     """
     from pxr import Sdf
 
-    stage = _new_stage(f"Deployment {deployment.name}.")
+    stage = new_stage(f"Deployment {deployment.name}.")
     world = stage.GetDefaultPrim().GetPath()
-    for name, part in _deployment_parts(deployment):
+    for name, part in deployment.parts():
         _add_mesh(stage, world, name, part)
     trajectory = deployment.trajectory
-    stage.SetStartTimeCode(float(trajectory.times[0]) * TIME_CODES_PER_SECOND)
-    stage.SetEndTimeCode(float(trajectory.times[-1]) * TIME_CODES_PER_SECOND)
+    set_times(stage, float(trajectory.times[0]), float(trajectory.times[-1]))
     if len(trajectory.poses) > 1:
-        _add_curves(stage, _free_path(stage, world, "Run"), [trajectory.poses[:, :3]], _RUN_COLOUR)
-    vehicle = _add_moving(stage, _free_path(stage, world, "Vehicle"), trajectory)
+        add_curves(stage, free_path(stage, world, "Run"), [trajectory.poses[:, :3]], _RUN_COLOUR)
+    vehicle = add_moving(stage, free_path(stage, world, "Vehicle"), trajectory)
     frames_from = vehicle.GetPrim().CreateAttribute(FRAMES_FROM_ATTRIBUTE, Sdf.ValueTypeNames.Double)
     frames_from.Set(deployment.frames_from)
     for sonar in sonars:
-        here = _free_path(stage, vehicle.GetPath(), sonar.name)
+        here = free_path(stage, vehicle.GetPath(), sonar.name)
         still = Trajectory(times=np.zeros(1), poses=np.array([sonar.vehicle_from_sensor]))
-        _add_still(stage, here, still.poses[0])
-        _add_curves(stage, here.AppendChild("Beam"), sonar.edges(), _BEAM_COLOUR)
-    _save(stage, Path(path))
-
-
-def _deployment_parts(deployment: Deployment) -> Iterable[tuple[str, Scene]]:
-    """The scene cut at its objects, where these come last; else in one."""
-    scene = deployment.scene
-    names, face = ["Surface"], np.array([0, len(scene.faces)])
-    if deployment.objects:
-        bodies = [item.scene(float(scene.impedance[-1])) for item in deployment.objects]
-        triangles = np.concatenate([body.vertices[body.faces] for body in bodies])
-        if np.array_equal(scene.vertices[scene.faces[-len(triangles) :]], triangles):
-            names = ["Seabed", *(item.name for item in deployment.objects)]
-            sizes = [len(body.faces) for body in bodies]
-            face = np.cumsum([0, len(scene.faces) - sum(sizes), *sizes])
-    for name, start, end in zip(names, face[:-1], face[1:], strict=True):
-        used = scene.faces[start:end]
-        low, high = int(used.min()), int(used.max())
-        yield (
-            name,
-            Scene(vertices=scene.vertices[low : high + 1], faces=used - low, impedance=scene.impedance[start:end]),
-        )
-
-
-def _new_stage(documentation: str) -> Usd.Stage:
-    """An empty stage in metres, z up, with ``/World`` as its default prim."""
-    from pxr import Usd, UsdGeom
-
-    stage = Usd.Stage.CreateInMemory()
-    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
-    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
-    stage.SetTimeCodesPerSecond(TIME_CODES_PER_SECOND)
-    stage.SetFramesPerSecond(TIME_CODES_PER_SECOND)
-    stage.GetRootLayer().documentation = documentation
-    stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/World").GetPrim())
-    return stage
-
-
-def _free_path(stage: Usd.Stage, parent: Sdf.Path, name: str) -> Sdf.Path:
-    """Path below ``parent`` for a prim called ``name``, or nearly so where characters or prims are in the way."""
-    from pxr import Tf
-
-    valid = Tf.MakeValidIdentifier(name)
-    path, number = parent.AppendChild(valid), 1
-    while stage.GetPrimAtPath(path):
-        path, number = parent.AppendChild(f"{valid}_{number}"), number + 1
-    return path
+        add_still(stage, here, still.poses[0])
+        add_curves(stage, here.AppendChild("Beam"), sonar.edges(), _BEAM_COLOUR)
+    save(stage, Path(path))
 
 
 def _add_mesh(stage: Usd.Stage, parent: Sdf.Path, name: str, scene: Scene) -> None:
@@ -209,13 +168,13 @@ def _add_mesh(stage: Usd.Stage, parent: Sdf.Path, name: str, scene: Scene) -> No
 
     # What single precision leaves without an area is refused here, not when it is read.
     scene = Scene(vertices=scene.vertices.astype(np.float32), faces=scene.faces, impedance=scene.impedance)
-    mesh = UsdGeom.Mesh.Define(stage, _free_path(stage, parent, name))
+    mesh = UsdGeom.Mesh.Define(stage, free_path(stage, parent, name))
     points = scene.vertices.astype(np.float32)
     mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(points))
     mesh.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(scene.faces), 3, dtype=np.int32)))
     mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(scene.faces.ravel()))
     mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
-    mesh.CreateExtentAttr(_extent(points))
+    mesh.CreateExtentAttr(extent(points))
     first = float(scene.impedance[0])
     is_object = (scene.impedance != np.float32(SAND)).astype(np.int32)
     if (scene.impedance == first).all():
@@ -229,83 +188,3 @@ def _add_mesh(stage: Usd.Stage, parent: Sdf.Path, name: str, scene: Scene) -> No
         IMPEDANCE_PRIMVAR.removeprefix("primvars:"), Sdf.ValueTypeNames.FloatArray, UsdGeom.Tokens.uniform
     )
     primvar.Set(Vt.FloatArray.FromNumpy(scene.impedance))
-
-
-def _add_curves(
-    stage: Usd.Stage, path: Sdf.Path, lines: Sequence[np.ndarray], colour: tuple[float, float, float]
-) -> None:
-    """Polylines 1 cm wide."""
-    from pxr import UsdGeom, Vt
-
-    curves = UsdGeom.BasisCurves.Define(stage, path)
-    points = np.concatenate(lines).astype(np.float32)
-    curves.CreateTypeAttr(UsdGeom.Tokens.linear)
-    curves.CreateCurveVertexCountsAttr([len(line) for line in lines])
-    curves.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(points))
-    curves.CreateWidthsAttr([0.01])
-    curves.SetWidthsInterpolation(UsdGeom.Tokens.constant)
-    curves.CreateExtentAttr(_extent(points, 0.005))
-    curves.CreateDisplayColorAttr([colour])
-
-
-def _extent(points: np.ndarray, margin: float = 0.0) -> list[list[float]]:
-    return [(points.min(axis=0) - margin).tolist(), (points.max(axis=0) + margin).tolist()]
-
-
-def _add_still(stage: Usd.Stage, path: Sdf.Path, pose: np.ndarray) -> None:
-    """A frame at ``pose`` [7]."""
-    from pxr import Gf, UsdGeom
-
-    frame = UsdGeom.Xform.Define(stage, path)
-    frame.AddTranslateOp(UsdGeom.XformOp.PrecisionDouble).Set(Gf.Vec3d(*pose[:3].tolist()))
-    frame.AddOrientOp(UsdGeom.XformOp.PrecisionDouble).Set(_quaternion(pose))
-
-
-def _add_moving(stage: Usd.Stage, path: Sdf.Path, trajectory: Trajectory) -> UsdGeom.Xform:
-    """A frame with a time sample at every pose."""
-    from pxr import Gf, UsdGeom
-
-    frame = UsdGeom.Xform.Define(stage, path)
-    translate = frame.AddTranslateOp(UsdGeom.XformOp.PrecisionDouble)
-    orient = frame.AddOrientOp(UsdGeom.XformOp.PrecisionDouble)
-    for time, pose in zip(trajectory.times.tolist(), trajectory.poses, strict=True):
-        translate.Set(Gf.Vec3d(*pose[:3].tolist()), time * TIME_CODES_PER_SECOND)
-        orient.Set(_quaternion(pose), time * TIME_CODES_PER_SECOND)
-    return frame
-
-
-def _quaternion(pose: np.ndarray) -> Gf.Quatd:
-    from pxr import Gf
-
-    x, y, z, w = pose[3:].tolist()
-    return Gf.Quatd(w, x, y, z)
-
-
-def _exported(stage: Usd.Stage, path: Path) -> bool:
-    from pxr import Tf
-
-    try:
-        return stage.GetRootLayer().Export(str(path))
-    except Tf.ErrorException:
-        return False
-
-
-def _save(stage: Usd.Stage, path: Path) -> None:
-    """Write to a file beside ``path`` first, so that a failure leaves what was there."""
-    if path.suffix not in (".usda", ".usdc", ".usd"):
-        raise ValueError(f"path: {path}, must end in .usda, .usdc or .usd")
-    if not path.parent.is_dir():
-        raise FileNotFoundError(errno.ENOENT, "no such folder", str(path.parent))
-    draft = path.with_name(f".{uuid.uuid4().hex}{path.suffix}")
-    try:
-        # OpenUSD makes folders that are missing, and says little about why it cannot write: Python says it here.
-        draft.touch()
-        if path.suffix == ".usda":
-            draft.write_text(stage.GetRootLayer().ExportToString())
-        elif not _exported(stage, draft):
-            raise OSError(errno.EIO, "cannot be written in full, is the disk full?")
-        draft.replace(path)
-    except OSError as error:
-        raise OSError(error.errno, error.strerror, str(path)) from error
-    finally:
-        draft.unlink(missing_ok=True)

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import json
+import linecache
 import os
+import signal
 import sys
+import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,11 +15,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from sonarwarp.app.cli_paper import paper, print_work
+from sonarwarp.app.completion import complete_preset
+
 if TYPE_CHECKING:
-    from sonarwarp.app.demo import Report
+    from sonarwarp.app.output import Report
 
 app = typer.Typer(
-    add_completion=False,
     pretty_exceptions_enable=False,
     help="Imaging and profiling sonars simulated and fused into 3-D point clouds.",
 )
@@ -75,12 +80,33 @@ _Scale = Annotated[float | None, typer.Option(help="Metres per unit of the scene
 
 
 @app.command()
-def preset(name: Annotated[str, typer.Argument(help="Such as 'paper field'; see info.")]) -> None:
+def preset(
+    name: Annotated[list[str], typer.Argument(help="Such as paper field; see info.", autocompletion=complete_preset)],
+) -> None:
     """Print a complete, commented TOML file of a preset: rig, noise and reconstruction."""
     with _one_line_errors():
         from sonarwarp.toml_text import preset_text
 
-        print(preset_text(name), end="", flush=True)
+        print(preset_text(" ".join(name)), end="", flush=True)
+
+
+@app.command()
+def bury(
+    mesh: Annotated[Path, typer.Argument(help="Mesh file or OpenUSD stage, z up.")],
+    out: Annotated[Path, typer.Option(help="OpenUSD stage to write: .usda, .usdc or .usd.")],
+    rig: Annotated[Path | None, typer.Option(help="TOML file; 'paper simulation' if none.")] = None,
+    scale: _Scale = None,
+    altitude: Annotated[
+        float | None, typer.Option(help="Of the vehicle over the seabed [m]; by the mesh's size if none.")
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, max=2**63 - 1, help="Of the rough seabed.")] = 0,
+    as_json: _AsJson = False,
+) -> None:
+    """Write a scene: a mesh half-buried on a rough seabed, and a run over it."""
+    with _one_line_errors():
+        from sonarwarp.app.bury import bury_file
+
+        _print_facts(bury_file(mesh, out, rig=rig, scale=scale, altitude=altitude, seed=seed), as_json)
 
 
 @app.command()
@@ -126,13 +152,13 @@ def simulate(
 @app.command()
 def reconstruct(
     log: Annotated[Path, typer.Argument(help="Log that simulate wrote.")],
-    out: Annotated[Path, typer.Option(help="Folder for the clouds.")],
+    out: Annotated[Path, typer.Option(help="Folder for clouds and pages.")],
     settings: Annotated[Path | None, typer.Option(help="TOML file; the log's own settings if none.")] = None,
     seed: _Seed = 0,
     device: _Device = None,
     as_json: _AsJson = False,
 ) -> None:
-    """Reconstruct a log into clouds of both methods: PLY, NPZ and OpenUSD."""
+    """Reconstruct a log into clouds of both methods, PLY, PCD, NPZ and OpenUSD, and pages of figures."""
     with _one_line_errors():
         from sonarwarp.app.logs import reconstruct_files
         from sonarwarp.app.machine import find_device
@@ -148,18 +174,28 @@ def reconstruct(
 def evaluate(
     cloud: Annotated[Path, typer.Argument(help="PLY or NPZ.")],
     truth: Annotated[Path, typer.Option(help="Scene: mesh file or OpenUSD stage.")],
+    log: Annotated[
+        Path | None, typer.Option(help="Log that the cloud was made from: completeness over what its sonars could see.")
+    ] = None,
+    part: Annotated[
+        str | None, typer.Option(help="Mesh or prim of the scene to ask for; points that lie on the rest are left out.")
+    ] = None,
     scale: _Scale = None,
     tolerance: Annotated[float, typer.Option(help="Distance within which a point lies on the surface [m].")] = 0.05,
     device: _Device = None,
     as_json: _AsJson = False,
 ) -> None:
-    """Compare a cloud with a scene: distances of all points to its surface."""
+    """Compare a cloud with a scene: accuracy, and with a log completeness and F-score."""
     with _one_line_errors():
         from sonarwarp.app.logs import evaluate_files
         from sonarwarp.app.machine import find_device
 
         chosen = find_device(device)
-        _print_facts(evaluate_files(cloud, truth, scale=scale, tolerance=tolerance, device=chosen), as_json)
+        facts = evaluate_files(cloud, truth, log=log, part=part, scale=scale, tolerance=tolerance, device=chosen)
+        _print_facts(facts, as_json)
+
+
+app.command()(paper)
 
 
 @app.command()
@@ -188,31 +224,55 @@ def info(as_json: _AsJson = False) -> None:
 def main() -> None:
     """Run the command line and exit: 0 done, 1 failed, 2 wrong input, 130 interrupted."""
     try:
-        code = app(standalone_mode=False)
+        with _one_line_errors():
+            code = app(prog_name="sonarwarp", standalone_mode=False)
     except _UsageError as error:
         _complain(error.format_message())  # pyright: ignore[reportAttributeAccessIssue]
         code = 2
+    except typer.Exit as done:
+        code = done.exit_code
+    # Ctrl-C as the interpreter winds up would print a traceback.
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
     sys.exit(code)
 
 
 @contextmanager
 def _one_line_errors() -> Iterator[None]:
-    """Say in one line what went wrong: wrong input is a ``ValueError`` everywhere in this package."""
+    """Say in one line what went wrong, and exit: no traceback reaches a user."""
     try:
         yield
-    except KeyboardInterrupt:
-        _complain("interrupted; what was written so far is kept")
+    except (typer.Exit, _UsageError):
+        raise
+    except (KeyboardInterrupt, typer.Abort) as interrupt:
+        # A writer notes how far it came.
+        notes = getattr(interrupt, "__notes__", None)
+        _complain(f"interrupted {notes[0]}" if notes else "interrupted; what was written so far is kept")
         raise typer.Exit(130) from None
     except BrokenPipeError:
         # Whoever read standard output has gone; the interpreter must not flush into the void when it ends.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         raise typer.Exit(1) from None
-    except ValueError as error:
-        _complain(str(error))
-        raise typer.Exit(2) from None
     except (OSError, MemoryError) as error:
         _complain(str(error) or "out of memory")
         raise typer.Exit(1) from None
+    except Exception as error:
+        if _is_refusal(error):
+            _complain(str(error))
+            raise typer.Exit(2) from None
+        way_out = "run again with SONARWARP_TRACEBACK=1 and report it"
+        if os.environ.get("SONARWARP_TRACEBACK"):
+            traceback.print_exception(error)
+            way_out = "please report it with the traceback above"
+        _complain(f"internal error: {type(error).__name__}: {error}; {way_out}")
+        raise typer.Exit(1) from None
+
+
+def _is_refusal(error: Exception) -> bool:
+    """Whether a ``raise`` of ours made a ``ValueError``: so we refuse wrong input. One that NumPy raises is our bug."""
+    *_, (frame, line) = traceback.walk_tb(error.__traceback__)
+    ours = str(frame.f_globals.get("__name__", "")).startswith("sonarwarp")
+    statement = linecache.getline(frame.f_code.co_filename, line).split()
+    return isinstance(error, ValueError) and ours and statement[:1] == ["raise"]
 
 
 def _complain(message: str) -> None:
@@ -233,19 +293,7 @@ def _print_facts(facts: dict[str, Any], as_json: bool) -> None:
 
 
 def _print_report(report: Report, device: str) -> None:
-    from rich.console import Console
-
     from sonarwarp.app.tables import mesh_table, section_table
 
-    console = Console(highlight=False)
     over_mesh = report.rows[0]["experiment"] == "mesh"
-    console.print(mesh_table(report.rows) if over_mesh else section_table(report.rows))
-    rate = report.frames / report.seconds
-    console.print(
-        f"{report.frames} frames of both sonars simulated and reconstructed on {device} in {report.seconds:.1f} s: "
-        f"{rate:.0f} frames/s",
-        soft_wrap=True,
-    )
-    console.print("Written:")
-    for path in report.files:
-        console.print(f"  {path}", markup=False, soft_wrap=True)
+    print_work(mesh_table(report.rows) if over_mesh else section_table(report.rows), report, device)

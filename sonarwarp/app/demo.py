@@ -2,45 +2,22 @@
 
 from __future__ import annotations
 
-import json
-import math
-import tempfile
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import warp as wp
 
 import sonarwarp as sw
 from sonarwarp.app import figures, rows
+from sonarwarp.app.bury import RIG, bury_mesh
 from sonarwarp.app.experiment import Experiment, Run, run_experiment
-from sonarwarp.app.machine import describe_device, versions
 from sonarwarp.app.mesh_page import draw_mesh_page
+from sonarwarp.app.output import Report, prepare_folder, write_clouds, write_metrics
+from sonarwarp.app.paper_cases import BRICK, PAIRS
 from sonarwarp.app.progress import Watch
 from sonarwarp_kernels.launch import cpu_threads
-from sonarwarp_scenes import (
-    TABLE_2,
-    Roughness,
-    Scene,
-    brick_deployment,
-    mesh_deployment,
-    pair_deployment,
-    scene_from_file,
-)
-
-# The brick comes inside the FLS's region of interest at 3.1 m [m].
-_BRICK_IMAGING_DISTANCE = 3.5
-
-# Altitudes over a mesh: as low as its width, and a fifth more, stays inside the FLS's swath. Under 2 m the swath is
-# gone before the PS has been round; over 3.5 m the window of the FLS ends before the seabed [m].
-_SWATH_MARGIN = 1.2
-_LOWEST, _HIGHEST = 2.0, 3.5
-
-# Water between the vehicle and a mesh's top, at least [m].
-_CLEARANCE = 1.5
 
 
 def paper_experiments(seed: int) -> list[Experiment]:
@@ -49,23 +26,7 @@ def paper_experiments(seed: int) -> list[Experiment]:
     Args:
         seed: of noise, particles and the rough seabed.
     """
-    rigs = sw.PRESETS
-    smooth = brick_deployment(imaging_distance=_BRICK_IMAGING_DISTANCE)
-    rough = brick_deployment(imaging_distance=_BRICK_IMAGING_DISTANCE, roughness=Roughness(seed=seed))
-    brick = {"name": "field", "object": "brick", "rig": rigs["paper field"], "seed": seed}
-    return [
-        Experiment(**brick, deployment=smooth, noise="none"),
-        Experiment(**brick, deployment=rough, noise="field"),
-        Experiment(
-            name="deployments",
-            object="90",
-            arrangement="misaligned",
-            deployment=pair_deployment(TABLE_2[3], "misaligned"),
-            rig=rigs["paper simulation"],
-            noise="none",
-            seed=seed,
-        ),
-    ]
+    return [BRICK.experiment(seed, "none"), BRICK.experiment(seed, "field"), PAIRS[-1].experiment(seed, "none")]
 
 
 def mesh_experiment(path: Path, *, scale: float, altitude: float | None, seed: int) -> Experiment:
@@ -74,22 +35,14 @@ def mesh_experiment(path: Path, *, scale: float, altitude: float | None, seed: i
     Args:
         path: mesh file, z up.
         scale: metres per unit of the file.
-        altitude: of the vehicle over the mean seabed [m]; None: the lowest of 2 to 3.5 m from which the FLS's swath
-            covers the mesh, or 1.5 m over its top where that is more.
+        altitude: of the vehicle over the mean seabed [m]; None: as ``bury_mesh`` chooses.
         seed: of noise, particles and the rough seabed.
 
     Raises:
         ValueError: a file that is no mesh, or a size or altitude that makes no run.
     """
-    rig = sw.PRESETS["paper simulation"]
-    mesh = scene_from_file(path, scale=scale)
-    deployment = mesh_deployment(
-        mesh,
-        name=path.stem,
-        altitude=_altitude(mesh, rig) if altitude is None else altitude,
-        roughness=Roughness(seed=seed),
-    )
-    scene, faces = deployment.scene, len(mesh.faces)
+    rig = sw.PRESETS[RIG]
+    deployment = bury_mesh(path, rig, scale=scale, altitude=altitude, seed=seed)
     return Experiment(
         name="mesh",
         object=path.stem,
@@ -97,34 +50,8 @@ def mesh_experiment(path: Path, *, scale: float, altitude: float | None, seed: i
         rig=rig,
         noise="field",
         seed=seed,
-        # The deployment puts the mesh's faces after the seabed's.
-        body=Scene(vertices=scene.vertices, faces=scene.faces[-faces:], impedance=scene.impedance[-faces:]),
+        body=deployment.parts()[-1][1],
     )
-
-
-def _altitude(mesh: Scene, rig: sw.Rig) -> float:
-    _, width, height = np.ptp(mesh.bounds(), axis=0)
-    lower_edge = math.radians(rig.fls_mount.tilt_deg) + rig.fls.half_elevation
-    swath_per_altitude = 2.0 * math.sin(rig.fls.azimuth_edge[-1]) / math.sin(lower_edge)
-    covering = min(max(_SWATH_MARGIN * width / swath_per_altitude, _LOWEST), _HIGHEST)
-    return float(max(covering, 0.5 * height + _CLEARANCE))
-
-
-@dataclass(frozen=True, kw_only=True)
-class Report:
-    """What a demo has to say."""
-
-    rows: list[dict[str, Any]]
-    """One per object and method."""
-
-    files: list[Path]
-    """Everything written."""
-
-    frames: int
-    """FLS frames of all runs."""
-
-    seconds: float
-    """Simulation and reconstruction of all runs [s]."""
 
 
 def run_demo(experiments: Sequence[Experiment], *, device: str, out: Path, watch: Watch) -> Report:
@@ -139,7 +66,7 @@ def run_demo(experiments: Sequence[Experiment], *, device: str, out: Path, watch
     Raises:
         ValueError: a folder that cannot be written to.
     """
-    _prepare_folder(out)
+    prepare_folder(out)
     start = time.perf_counter()
     advance = watch("loading kernels, compiled on first use", 1, "")
     wp.force_load(device=device, max_workers=cpu_threads())
@@ -152,7 +79,7 @@ def run_demo(experiments: Sequence[Experiment], *, device: str, out: Path, watch
         run = run_experiment(experiment, device=device, watch=watch)
         frames += len(run.survey.frames)
         seconds += run.seconds
-        files += _write_clouds(run, out)
+        files += write_clouds(run, out)
         advance = watch("drawing", 1, "page")
         page = out / f"{experiment.slug}.png"
         began = time.perf_counter()
@@ -167,28 +94,8 @@ def run_demo(experiments: Sequence[Experiment], *, device: str, out: Path, watch
             "evaluation_and_page": time.perf_counter() - began,
         }
     timings["total"] = time.perf_counter() - start
-    record = {"rows": all_rows, "device": describe_device(device), "versions": versions(), "seconds": timings}
-    summary = out / "metrics.json"
-    summary.write_text(json.dumps(record, indent=2, allow_nan=False) + "\n")
+    summary = write_metrics(out, all_rows, device, timings)
     return Report(rows=all_rows, files=[*files, summary], frames=frames, seconds=seconds)
-
-
-def _prepare_folder(out: Path) -> None:
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=out):
-            pass
-    except OSError as error:
-        raise ValueError(f"out: cannot write to {out}: {error.strerror}") from error
-
-
-def _write_clouds(run: Run, out: Path) -> list[Path]:
-    paths = []
-    for method in rows.METHODS:
-        path = out / f"{run.experiment.slug}_{method}.ply"
-        getattr(run.clouds, method).write_ply(path)
-        paths.append(path)
-    return paths
 
 
 def _judge(run: Run, page: Path) -> list[dict[str, Any]]:

@@ -1,8 +1,9 @@
-"""One run of both sonars over a deployment, streamed: no image outlives the round that formed it."""
+"""Runs of both sonars over deployments, streamed: no image outlives the round that formed it."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -11,9 +12,14 @@ import warp as wp
 
 import sonarwarp as sw
 from sonarwarp.app.progress import Watch
+from sonarwarp.field_box import plan_grid
 from sonarwarp.schedule import EMPTY
 from sonarwarp.simulator import MEMORY
+from sonarwarp.survey import join_surveys
 from sonarwarp_scenes import Deployment, Scene
+
+FIELD_MEMORY = 1 << 30
+"""Bytes of likelihood fields that a batch may take; 10 to 40 MB each in the paper's experiments."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -36,10 +42,11 @@ class Experiment:
     """Sonars and mounts."""
 
     noise: Literal["none", "field"]
-    """Noise in result rows: ``none`` over a flat seabed, or what the ``field`` adds and a rough seabed."""
+    """Noise in result rows: ``none`` over a flat seabed, or what the ``field`` adds: ``Noise``, ``Motion`` and
+    ``Navigation`` with their defaults, over a rough seabed."""
 
     seed: int
-    """Of the noise and of the particles."""
+    """Of noise, motion, navigation errors and particles."""
 
     body: Scene | None = None
     """The mesh alone, where it lies, in deployments without known objects."""
@@ -66,7 +73,10 @@ class Run:
     """Warp device that it ran on."""
 
     survey: sw.Survey
-    """Frames and pings."""
+    """Frames and pings where navigation believes them, from which the clouds were made."""
+
+    truth: sw.Survey
+    """The same frames and pings where they were."""
 
     clouds: sw.Clouds
     """Both methods' points."""
@@ -75,7 +85,7 @@ class Run:
     """Slant range of the contacts [m], below 0 where a beam has none, shape [frame, beam]."""
 
     seconds: float
-    """From the first round to the clouds; planning apart [s]."""
+    """From the first round to the clouds, planning apart; of a batch, its share by frames [s]."""
 
     @property
     def frames_per_second(self) -> float:
@@ -84,28 +94,44 @@ class Run:
 
 
 class Engines:
-    """Simulator and reconstructor of an experiment, stepped together.
+    """Simulator and reconstructor of a batch of experiments, stepped together; each is a trajectory named by its seed.
 
     Args:
-        experiment: rig, noise and scene.
+        experiments: of one rig and one kind of noise.
         device: Warp device.
+
+    Raises:
+        ValueError: experiments that cannot share engines.
     """
 
-    def __init__(self, experiment: Experiment, device: str) -> None:
-        self.experiment = experiment
-        noise = sw.NO_NOISE if experiment.noise == "none" else sw.Noise()
-        self.simulator = sw.Simulator(experiment.rig, noise=noise, device=device)
-        self.reconstructor = sw.Reconstructor(experiment.rig, device=device)
+    def __init__(self, experiments: Sequence[Experiment], device: str) -> None:
+        first = experiments[0]
+        for other in experiments:
+            if other.rig != first.rig or other.noise != first.noise:
+                raise ValueError(f"experiments: {other.title} has another rig or noise than {first.title}")
+        self.experiments = experiments
+        noise = sw.NO_NOISE if first.noise == "none" else sw.Noise()
+        self.simulator = sw.Simulator(first.rig, noise=noise, device=device)
+        self.reconstructor = sw.Reconstructor(first.rig, device=device)
 
     def plan_schedule(self, survey: sw.Survey) -> sw.Schedule:
         """Rounds of a size that the simulator is content with."""
-        frames = sw.frames_per_round(self.experiment.rig, MEMORY)
-        return sw.plan_schedule(survey, frames=frames, window=self.reconstructor.window)
+        frames = sw.frames_per_round(survey.rig, MEMORY)
+        return self.reconstructor.plan_schedule(survey, frames=frames)
 
-    def plan(self, survey: sw.Survey, schedule: sw.Schedule) -> None:
-        """Allocate everything and go to the first round."""
-        self.simulator.plan(survey, [self.experiment.deployment.scene], schedule, seed=self.experiment.seed)
-        self.reconstructor.plan(survey, schedule, seed=self.experiment.seed)
+    def plan(self, truth: sw.Survey, survey: sw.Survey, schedule: sw.Schedule) -> None:
+        """Allocate everything and go to the first round.
+
+        Args:
+            truth: frames and pings where they are, a trajectory for each experiment.
+            survey: the same where navigation believes them.
+            schedule: of either, which share their times.
+        """
+        scenes = [experiment.deployment.scene for experiment in self.experiments]
+        # Seeds as keys: a run has the same noise and particles alone and in any batch.
+        seeds = [experiment.seed for experiment in self.experiments]
+        self.simulator.plan(truth, scenes, schedule, trajectory_keys=seeds)
+        self.reconstructor.plan(survey, schedule, trajectory_keys=seeds)
 
     def step(self) -> None:
         """Form the next round and work it in."""
@@ -113,36 +139,77 @@ class Engines:
         self.reconstructor.step(self.simulator.images, self.simulator.echoes)
 
 
-def plan_survey(experiment: Experiment) -> sw.Survey:
-    """Frames and pings of an experiment."""
-    deployment = experiment.deployment
-    return sw.plan_survey(experiment.rig, [deployment.trajectory], frames_from=deployment.frames_from)
+def plan_surveys(experiment: Experiment) -> tuple[sw.Survey, sw.Survey]:
+    """Frames and pings of an experiment, where they are and where navigation believes them."""
+    deployment, at_sea = experiment.deployment, experiment.noise == "field"
+    return sw.plan_disturbed(
+        experiment.rig,
+        [deployment.trajectory],
+        motion=sw.Motion() if at_sea else sw.NO_MOTION,
+        navigation=sw.Navigation() if at_sea else sw.EXACT_NAVIGATION,
+        seed=experiment.seed,
+        frames_from=deployment.frames_from,
+    )
+
+
+def runs_per_batch(experiment: Experiment, *, memory: int = FIELD_MEMORY) -> int:
+    """How many runs like this one may share a batch, at least one: their likelihood fields live to its end.
+
+    Args:
+        experiment: one of them.
+        memory: bytes that all fields may take.
+    """
+    _, survey = plan_surveys(experiment)
+    grid = plan_grid(survey, sw.ReconstructionSettings().likelihood_field, wp.get_device("cpu"))
+    return max(memory // (4 * grid.nx * grid.ny * grid.nz), 1)
 
 
 def run_experiment(experiment: Experiment, *, device: str, watch: Watch) -> Run:
-    """Simulate and reconstruct an experiment.
+    """Simulate and reconstruct one experiment; as :func:`run_batch`."""
+    return run_batch([experiment], device=device, watch=watch)[0]
+
+
+def run_batch(experiments: Sequence[Experiment], *, device: str, watch: Watch) -> list[Run]:
+    """Simulate and reconstruct experiments together, each to the bit as it would be alone.
 
     Args:
-        experiment: what to run.
+        experiments: of one rig and one kind of noise, such as the seeds of one deployment.
         device: Warp device.
         watch: told of every round.
+
+    Returns:
+        One run per experiment, in their order.
     """
-    survey = plan_survey(experiment)
-    advance = watch(experiment.title, len(survey.frames), "frames")
-    engines = Engines(experiment, device)
+    surveys = [plan_surveys(experiment) for experiment in experiments]
+    truth, survey = (join_surveys(parts) for parts in zip(*surveys, strict=True))
+    advance = watch(experiments[0].title, len(survey.frames), "frames")
+    engines = Engines(experiments, device)
     schedule = engines.plan_schedule(survey)
-    engines.plan(survey, schedule)
+    engines.plan(truth, survey, schedule)
     start = time.perf_counter()
     for frames in schedule.round_frame:
         engines.step()
         wp.synchronize_device(device)
         advance(int((frames != EMPTY).sum()))
     clouds = engines.reconstructor.read()
-    return Run(
-        experiment=experiment,
-        device=device,
-        survey=survey,
-        clouds=clouds,
-        critical_range=engines.reconstructor.contacts.critical_range.numpy(),
-        seconds=time.perf_counter() - start,
-    )
+    critical_range = engines.reconstructor.contacts.critical_range.numpy()
+    seconds = (time.perf_counter() - start) / len(survey.frames)
+    return [
+        Run(
+            experiment=experiment,
+            device=device,
+            survey=own,
+            truth=own_truth,
+            clouds=sw.Clouds(fused=_alone(clouds.fused, index), single=_alone(clouds.single, index)),
+            critical_range=critical_range[survey.frames.trajectory == index],
+            seconds=seconds * len(own.frames),
+        )
+        for index, (experiment, (own_truth, own)) in enumerate(zip(experiments, surveys, strict=True))
+    ]
+
+
+def _alone(cloud: sw.PointCloud, trajectory: int) -> sw.PointCloud:
+    """A trajectory's points, as if it were the only one."""
+    points = cloud.select(cloud.attributes["trajectory"] == trajectory)
+    points.attributes["trajectory"][:] = 0
+    return points

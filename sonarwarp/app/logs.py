@@ -6,9 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import sonarwarp as sw
+from sonarwarp.app.cloud_usd import sonar_tracks, write_cloud_usd
+from sonarwarp.app.log_page import draw_log_pages
+from sonarwarp.app.output import prepare_folder
 from sonarwarp.app.progress import Watch
-from sonarwarp.app.rows import METHODS
-from sonarwarp.cloud_usd import sonar_tracks, write_cloud_usd
+from sonarwarp.app.rows import METHODS, SURFACE_FIGURES
 from sonarwarp.toml_settings import read_configuration, read_settings
 from sonarwarp.trajectory_files import read_trajectory as read_text_trajectory
 from sonarwarp_scenes import Trajectory, read_scene
@@ -52,12 +54,20 @@ def simulate_files(
     configuration = read_configuration(rig)
     world, report = read_scene(scene, scale=scale)
     way = _read_trajectory(scene if trajectory is None else trajectory)
-    survey = sw.plan_survey(configuration.rig, [way], frames_from=frames_from)
+    survey, believed = sw.plan_disturbed(
+        configuration.rig,
+        [way],
+        motion=configuration.motion,
+        navigation=configuration.navigation,
+        seed=seed,
+        frames_from=frames_from,
+    )
     advance = watch(f"simulating {scene.name}", len(survey.frames), "frames")
     sw.survey_to_store(
         survey,
         [world],
         out,
+        believed=believed,
         noise=configuration.noise,
         seed=seed,
         truth=truth,
@@ -83,7 +93,7 @@ def _read_trajectory(path: Path) -> Trajectory:
 def reconstruct_files(
     log: Path, out: Path, *, settings: Path | None, seed: int, device: str, watch: Watch
 ) -> dict[str, Any]:
-    """Reconstruct a log into clouds: PLY, NPZ and OpenUSD, of both methods.
+    """Reconstruct a log into clouds of both methods, PLY, PCD, NPZ and OpenUSD, and a page per trajectory (PNG).
 
     Args:
         log: what ``simulate`` or a ``StoreWriter`` wrote; what is complete of it counts.
@@ -98,18 +108,21 @@ def reconstruct_files(
     """
     stored = sw.open_log(log)
     chosen = stored.reconstruction if settings is None else read_settings(settings)
+    prepare_folder(out)
     advance = watch(f"reconstructing {log.name}", len(stored.survey.frames), "frames")
     clouds = sw.reconstruct(stored, settings=chosen, seed=seed, device=device, advance=advance)
-    out.mkdir(parents=True, exist_ok=True)
     tracks = sonar_tracks(stored.survey)
     files = []
     for method in METHODS:
         cloud = getattr(clouds, method)
         colour = "elevation_deviation" if method == "fused" else "range"
-        cloud.write_ply(out / f"{method}.ply")
-        cloud.write_npz(out / f"{method}.npz")
-        write_cloud_usd(out / f"{method}.usdc", cloud, colour_by=colour, tracks=tracks)
-        files += [str(out / f"{method}{suffix}") for suffix in (".ply", ".npz", ".usdc")]
+        paths = {suffix: out / f"{method}.{suffix}" for suffix in ("ply", "pcd", "npz", "usdc")}
+        cloud.write_ply(paths["ply"])
+        cloud.write_pcd(paths["pcd"])
+        cloud.write_npz(paths["npz"])
+        write_cloud_usd(paths["usdc"], cloud, colour_by=colour, tracks=tracks)
+        files += paths.values()
+    files += draw_log_pages(stored, clouds, out, name=log.name, settings=chosen, seed=seed, device=device, watch=watch)
     return {
         "log": str(log),
         "complete": stored.complete,
@@ -117,36 +130,55 @@ def reconstruct_files(
         "frames_planned": stored.frames_planned,
         "points": {method: len(getattr(clouds, method)) for method in METHODS},
         "seed": seed,
-        "files": files,
+        "files": [str(path) for path in files],
     }
 
 
-def evaluate_files(cloud: Path, truth: Path, *, scale: float | None, tolerance: float, device: str) -> dict[str, Any]:
-    """Distances of a cloud's points to a scene.
+def evaluate_files(
+    cloud: Path,
+    truth: Path,
+    *,
+    log: Path | None,
+    part: str | None,
+    scale: float | None,
+    tolerance: float,
+    device: str,
+) -> dict[str, Any]:
+    """Distances of a cloud's points to a scene, and how much of what the sonars could see the cloud shows.
 
     Args:
         cloud: PLY or NPZ.
         truth: mesh file or OpenUSD stage.
+        log: what the cloud was made from, for completeness and F-score: with its true poses where it holds them, else
+            those of its navigation. None: neither.
+        part: of the scene that is asked for, as ``SceneReport.faces_of`` takes it: completeness is about the part, and
+            points that lie on the rest are left out. None: the whole scene.
         scale: as for :func:`simulate_files`.
-        tolerance: distance within which a point lies on the surface [m].
+        tolerance: distance within which a point lies on the surface, and a place of it is met [m].
         device: Warp device.
 
     Raises:
-        ValueError: a file that cannot be read, a cloud without points.
+        ValueError: a file that cannot be read, a cloud without points, no such part.
     """
-    from sonarwarp.metrics import evaluate
+    from sonarwarp.metrics import evaluate, seen_samples
 
     points = sw.read_cloud(cloud)
     if not len(points):
         raise ValueError(f"{cloud}: no points, nothing to compare")
-    world, _ = read_scene(truth, scale=scale)
-    figures = evaluate(points, scene=world, tolerance=tolerance, device=device).surface
+    world, report = read_scene(truth, scale=scale)
+    faces = None if part is None else report.faces_of(part)
+    seen = None
+    if log is not None:
+        stored = sw.open_log(log)
+        seen = seen_samples(world, stored.truth or stored.survey, part=faces, device=device)
+    figures = evaluate(points, scene=world, seen=seen, part=faces, tolerance=tolerance, device=device).surface
     assert figures is not None
-    names = ("accuracy_mean", "accuracy_rms", "accuracy_p95", "precision")
+    names = SURFACE_FIGURES if log is not None else SURFACE_FIGURES[:-2]
     return {
         "cloud": str(cloud),
         "truth": str(truth),
+        "log": None if log is None else str(log),
+        "part": part,
         "points": len(points),
-        "tolerance": tolerance,
         **{name: getattr(figures, name) for name in names},
     }

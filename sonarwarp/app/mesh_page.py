@@ -4,25 +4,19 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
 from sonarwarp.app import mesh_panels
 from sonarwarp.app.experiment import Run
-from sonarwarp.app.figures import BELOW_SONARS, LABELS, LEFT, TITLE, TITLE_SIZE, WIDTH, draw_sonars, new_page
+from sonarwarp.app.figures import draw_run_sonars, new_page
+from sonarwarp.app.page import LEFT, WIDTH
 from sonarwarp.app.rows import METHODS, Surfaces
 from sonarwarp.app.snapshot import take_snapshot
+from sonarwarp.app.sonar_row import BELOW_SONARS
+from sonarwarp.app.views import Views
 from sonarwarp.metrics import SurfaceMetrics
 
-# Inches: a column's width, the gap between two, heights of the views, the second line of a title, the scale of heights.
+# Inches: a column's width, and the gap between two.
 _COLUMN = 4.3
 _GAP = 0.65
-_SPACE = 3.9
-_TALLEST = 3.4
-_SECOND_LINE = 0.25
-_BAR = 0.15
-
-# Elevation and azimuth of the eye in space [deg]: before the front, to the right.
-_EYE = (24.0, -130.0)
 
 
 def draw_mesh_page(run: Run, surfaces: Surfaces, path: Path) -> None:
@@ -40,36 +34,21 @@ def draw_mesh_page(run: Run, surfaces: Surfaces, path: Path) -> None:
     if body is None:
         raise ValueError(f"run: {run.experiment.title} has no mesh")
     box = mesh_panels.box_over_seabed(body)
-    scale = mesh_panels.height_scale(box)
-    sides = np.ptp(box, axis=0)
-    views = (mesh_panels.ABOVE, mesh_panels.SIDE)
-    heights = [min(_COLUMN * float(sides[view.up] / sides[view.right]), _TALLEST) for view in views]
-    first = BELOW_SONARS + TITLE + _SECOND_LINE
-    page = new_page(run, first + _SPACE + sum(TITLE + height + LABELS for height in heights))
-    draw_sonars(page, run, take_snapshot(run))
-    titles = ["the mesh over the seabed", *(_title(method, surfaces[method]) for method in METHODS)]
-    clouds = [None, *(getattr(run.clouds, method).points for method in METHODS)]
-    for column, (title, points) in enumerate(zip(titles, clouds, strict=True)):
+    scale = mesh_panels.height_scale(0.0, float(body.bounds()[1][2]))
+    views = Views(box=box, scale=scale, flat=(mesh_panels.ABOVE, mesh_panels.SIDE), top=BELOW_SONARS, width=_COLUMN)
+    page = new_page(run, views.bottom)
+    draw_run_sonars(page, run, take_snapshot(run))
+    views.draw_column(
+        page,
+        LEFT,
+        "the mesh over the seabed",
+        lambda axes: mesh_panels.draw_mesh(axes, body, box, scale),
+        lambda axes, view: mesh_panels.draw_flat_mesh(axes, body, box, scale, view),
+    )
+    for column, method in enumerate(METHODS, start=1):
         left = LEFT + column * (_COLUMN + _GAP)
-        space = page.axes(left, first, _COLUMN, _SPACE, projection="3d", proj_type="ortho")
-        if points is None:
-            mesh_panels.draw_mesh(space, body, box, scale)
-        else:
-            mesh_panels.draw_points(space, points, box, scale)
-        space.view_init(*_EYE)
-        space.set_title(title, fontsize=TITLE_SIZE)
-        top = first + _SPACE
-        for view, height in zip(views, heights, strict=True):
-            flat = page.axes(left, top + TITLE, _COLUMN, height)
-            if points is None:
-                mesh_panels.draw_flat_mesh(flat, body, box, scale, view)
-            else:
-                mesh_panels.draw_flat_points(flat, points, box, scale, view)
-                flat.set_ylabel("")
-            flat.set_title(view.title, fontsize=TITLE_SIZE)
-            top += TITLE + height + LABELS
-    bar = page.axes(WIDTH - 0.85, first + _SPACE + TITLE, _BAR, sum(heights) + TITLE + LABELS)
-    page.figure.colorbar(scale, cax=bar, label="height over the mean seabed [m]")
+        views.draw_points(page, left, _title(method, surfaces[method]), getattr(run.clouds, method).points)
+    views.draw_scale(page, WIDTH - 0.85, "height over the mean seabed [m]")
     page.save(path)
 
 

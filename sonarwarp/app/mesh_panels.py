@@ -22,6 +22,9 @@ _UNDER = 0.1
 # How far before a front a cloud may begin, in heights: a single sonar's ramp at its slope limit.
 _RAMP = 0.6
 
+# Of a cloud's points along each axis, the lowest and the highest that are not shown [%].
+_STRAYS = 0.5
+
 # How dark a face is that stands edgewise to the eye.
 _DARKEST = 0.45
 
@@ -39,6 +42,7 @@ class FlatView:
 
 ABOVE = FlatView(title="from above", right=0, up=1, eye=(0.0, 0.0, 1.0))
 SIDE = FlatView(title="from the side", right=0, up=2, eye=(0.0, -1.0, 0.0))
+FRONT = FlatView(title="from the side", right=1, up=2, eye=(1.0, 0.0, 0.0))
 
 # Towards the eye of the drawing in space, for shades.
 _EYE = (-0.6, -0.6, 0.5)
@@ -54,12 +58,29 @@ def box_over_seabed(body: Scene) -> np.ndarray:
     return np.stack([low, high])
 
 
-def height_scale(box: np.ndarray) -> ScalarMappable:
-    """Colours of heights within a box; blue to yellow, told apart by colour-blind readers."""
+def box_over_points(points: np.ndarray) -> np.ndarray:
+    """Lowest and highest corner of what is shown of clouds [point, 3] alone [m], shape [2, 3]: all but strays."""
+    low, high = np.percentile(points, (_STRAYS, 100.0 - _STRAYS), axis=0)
+    return np.stack([low - _MARGIN, high + _MARGIN])
+
+
+def side_of(box: np.ndarray) -> FlatView:
+    """The side from which more of a box [2, 3] is seen."""
+    length, width, _ = np.ptp(box, axis=0)
+    return SIDE if length >= width else FRONT
+
+
+def height_scale(low: float, high: float) -> ScalarMappable:
+    """Colours of heights [m]; blue to yellow, told apart by colour-blind readers."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
-    return ScalarMappable(Normalize(0.0, float(box[1, 2]) - _MARGIN), "viridis")
+    return ScalarMappable(Normalize(low, high), "viridis")
+
+
+def within(points: np.ndarray, box: np.ndarray) -> np.ndarray:
+    """Which points [point, 3] lie in ``box`` [2, 3], shape [point]."""
+    return ((points >= box[0]) & (points <= box[1])).all(axis=1)
 
 
 def draw_mesh(axes: Axes3D, body: Scene, box: np.ndarray, scale: ScalarMappable) -> None:
@@ -73,7 +94,7 @@ def draw_mesh(axes: Axes3D, body: Scene, box: np.ndarray, scale: ScalarMappable)
 
 def draw_points(axes: Axes3D, points: np.ndarray, box: np.ndarray, scale: ScalarMappable) -> None:
     """The points of a cloud that lie in ``box`` [2, 3], in space."""
-    inside = points[_within(points, box)]
+    inside = points[within(points, box)]
     colours = scale.to_rgba(inside[:, 2])
     axes.scatter(*inside.T, s=3, color=colours, lw=0.0, depthshade=False, rasterized=True)
     frame_box(axes, box)
@@ -95,15 +116,11 @@ def draw_flat_mesh(axes: Axes, body: Scene, box: np.ndarray, scale: ScalarMappab
 
 def draw_flat_points(axes: Axes, points: np.ndarray, box: np.ndarray, scale: ScalarMappable, view: FlatView) -> None:
     """A cloud as seen along an axis; nearer points hide farther ones."""
-    inside = points[_within(points, box)]
+    inside = points[within(points, box)]
     inside = inside[np.argsort(inside @ np.array(view.eye))]
     colours = scale.to_rgba(inside[:, 2])
     axes.scatter(inside[:, view.right], inside[:, view.up], s=4, color=colours, lw=0.0, rasterized=True)
     _frame(axes, box, view)
-
-
-def _within(points: np.ndarray, box: np.ndarray) -> np.ndarray:
-    return ((points >= box[0]) & (points <= box[1])).all(axis=1)
 
 
 def _shaded(

@@ -8,6 +8,15 @@ from typing import Any
 # A page is read at 100 dots an inch.
 _DPI = 100
 
+# Measures that pages share [inch]: their width, where the first axes begin, room under axes for labels, over them for
+# titles; sizes of text [point].
+WIDTH = 16.0
+LEFT = 0.75
+LABELS = 0.75
+TITLE = 0.4
+TITLE_SIZE = 11
+LEGEND_SIZE = 9
+
 
 class Page:
     """An empty page with a heading.

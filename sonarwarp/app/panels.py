@@ -5,14 +5,14 @@ One colour means one thing on every page; all are told apart by colour-blind rea
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sonarwarp.app.snapshot import Snapshot
 from sonarwarp.poses import rotate
-from sonarwarp.sonar import FLS, Rig
-from sonarwarp.survey import Survey
+from sonarwarp.sonar import FLS
 from sonarwarp_scenes import PlacedObject, Wedge
 
 if TYPE_CHECKING:
@@ -71,16 +71,45 @@ def _fan_place(slant_range: np.ndarray, azimuth: np.ndarray) -> tuple[np.ndarray
     return slant_range * np.sin(azimuth), slant_range * np.cos(azimuth)
 
 
-def draw_sweep(axes: Axes, rig: Rig, survey: Survey, snapshot: Snapshot) -> None:
-    """The last sweep of the PS in the vertical plane: each ping at its head's angle, from where it was sent."""
-    shown = slice(-rig.ps.pings_per_sweep, None)
+@dataclass(frozen=True, kw_only=True)
+class SweepPlane:
+    """A vertical plane to draw a sweep in."""
+
+    origin: tuple[float, float]
+    """World x and y from where the horizontal axis counts [m]."""
+
+    heading: float
+    """Of the horizontal axis, to the left of world x [rad]."""
+
+    label: str
+    """Of the horizontal axis."""
+
+    def project(self, points: np.ndarray) -> np.ndarray:
+        """Places [..., 2] in the plane, along its heading and up, of world points [..., 3]."""
+        away = points[..., :2] - self.origin
+        return np.stack([self.along(away), points[..., 2]], axis=-1)
+
+    def along(self, vectors: np.ndarray) -> np.ndarray:
+        """Lengths along the heading [...] of world vectors [..., 2 or more]."""
+        return vectors[..., 0] * np.cos(self.heading) + vectors[..., 1] * np.sin(self.heading)
+
+
+ALONG_X = SweepPlane(origin=(0.0, 0.0), heading=0.0, label="x [m]")
+
+
+def draw_sweep(axes: Axes, snapshot: Snapshot, plane: SweepPlane) -> None:
+    """The last sweep of the PS in a vertical plane: each ping at its head's angle, from where it was sent."""
+    ps = snapshot.survey.rig.ps
+    shown = slice(-ps.pings_per_sweep, None)
     echoes, footprints = snapshot.echoes[shown], snapshot.footprints[shown]
-    start, depression = _ping_rays(survey, snapshot.ping[shown])
-    half = np.radians(rig.ps.beamwidth_deg) / 2
+    pose = snapshot.survey.pings.head_pose[shown]
+    axis = rotate(pose[:, 3:], np.array([1.0, 0.0, 0.0]))
+    start, depression = plane.project(pose[:, :3]), np.arctan2(-axis[:, 2], plane.along(axis))
+    half = np.radians(ps.beamwidth_deg) / 2
     # Two edges a ping; what lies between one ping's upper and the next one's lower is left empty.
     edges = np.stack([depression - half, depression + half], axis=1).reshape(-1, 1)
-    x, z = _along(np.repeat(start, 2, axis=0)[:, None], rig.ps.range_edge, edges)
-    level = np.full((len(edges) - 1, rig.ps.bins), np.nan)
+    x, z = _along(np.repeat(start, 2, axis=0)[:, None], ps.range_edge, edges)
+    level = np.full((len(edges) - 1, ps.bins), np.nan)
     level[::2] = decibels(echoes)
     axes.pcolormesh(x, z, level, cmap="gray", vmin=_FLOOR_DB, vmax=0.0, rasterized=True)
     ping, number = np.nonzero(footprints[..., 1] >= 0.0)
@@ -91,19 +120,12 @@ def draw_sweep(axes: Axes, rig: Rig, survey: Survey, snapshot: Snapshot) -> None
     axes.set_aspect("equal")
     # Nearly black, or the slivers between pings would be all that a reader sees.
     axes.set_facecolor("0.12")
-    axes.set_xlabel("x [m]")
+    axes.set_xlabel(plane.label)
     axes.set_ylabel("z [m]")
 
 
-def _ping_rays(survey: Survey, ping: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """World x and z of the head [m], shape [ping, 2], and depression of the beam's axis [rad], shape [ping]."""
-    pose = survey.pings.head_pose[ping]
-    axis = rotate(pose[:, 3:], np.array([1.0, 0.0, 0.0]))
-    return pose[:, [0, 2]], np.arctan2(-axis[:, 2], axis[:, 0])
-
-
 def _along(start: np.ndarray, reach: np.ndarray, depression: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """World x and z [m] at a range from ``start`` [..., 2]."""
+    """Place in the plane of a sweep [m] at a range from ``start`` [..., 2]."""
     return start[..., 0] + reach * np.cos(depression), start[..., 1] - reach * np.sin(depression)
 
 

@@ -11,12 +11,10 @@ from sonarwarp.app.experiment import Run
 from sonarwarp.metrics import (
     ObjectTruth,
     SectionMetrics,
-    SonarView,
     SurfaceMetrics,
     evaluate_section,
     evaluate_surface,
-    sample_surface,
-    visible_samples,
+    seen_samples,
 )
 from sonarwarp_scenes import PlacedObject
 
@@ -25,14 +23,10 @@ METHODS = ("single", "fused")
 TOLERANCE = 0.05
 """Distance within which a point lies on a mesh, and a place of the mesh is met [m]. Ours: two cells and a half."""
 
-_SAMPLES = 4000
-
-# Neighbouring frames see the same.
-_FRAME_STEP = 5
-
 _SECTION_FIGURES = ("slope_deg", "slope_error", "front_coverage", "area_error", "volume_error")
-_SURFACE_FIGURES = (
+SURFACE_FIGURES = (
     "tolerance",
+    "counted",
     "accuracy_mean",
     "accuracy_rms",
     "accuracy_p95",
@@ -79,21 +73,23 @@ def _beam_spacing(run: Run) -> float:
 
 
 def evaluate_mesh(run: Run) -> Surfaces:
-    """Both methods' clouds against the mesh and the seabed; completeness over what both sonars saw of the mesh."""
-    scene, body, survey = run.experiment.deployment.scene, run.experiment.body, run.survey
+    """Both methods' clouds against the mesh, as a part of a scene with a seabed.
+
+    Completeness is over what both sonars could see of the mesh; accuracy and precision over all points that do not lie
+    on the seabed: ``sonarwarp evaluate --log --part`` says the same.
+    """
+    scene, body, truth = run.experiment.deployment.scene, run.experiment.body, run.truth
     if body is None:
         raise ValueError(f"run: {run.experiment.title} has no mesh")
-    samples = sample_surface(body.vertices, body.faces, _SAMPLES, run.experiment.seed)
-    views = (
-        (SonarView.of(run.experiment.rig.fls), survey.frames.pose[::_FRAME_STEP]),
-        (SonarView.of(run.experiment.rig.ps), survey.pings.head_pose),
-    )
-    seen = np.zeros(len(samples), dtype=bool)
-    for view, poses in views:
-        seen |= visible_samples(scene.vertices, scene.faces, samples, view, [poses], device=run.device)[0]
+    # A deployment's last faces are its mesh's.
+    part = np.arange(len(scene.faces)) >= len(scene.faces) - len(body.faces)
+    seen = seen_samples(scene, truth, part=part, device=run.device)
     clouds = [getattr(run.clouds, name).points for name in METHODS]
     figures = evaluate_surface(
-        scene.vertices, scene.faces, clouds, [samples[seen]] * len(METHODS), tolerance=TOLERANCE, device=run.device
+        *(scene.vertices, scene.faces, clouds, [seen] * len(METHODS)),
+        tolerance=TOLERANCE,
+        part=part,
+        device=run.device,
     )
     return dict(zip(METHODS, figures, strict=True))
 
@@ -115,7 +111,7 @@ def mesh_rows(run: Run, surfaces: Surfaces) -> list[dict[str, Any]]:
         _row(run, None, method)
         | dict.fromkeys(_SECTION_FIGURES)
         | {"points": len(getattr(run.clouds, method))}
-        | {name: getattr(surfaces[method], name) for name in _SURFACE_FIGURES}
+        | {name: getattr(surfaces[method], name) for name in SURFACE_FIGURES}
         for method in METHODS
     ]
 

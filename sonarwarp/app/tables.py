@@ -5,14 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from sonarwarp.app.paper_printed import FIELD_TEST
+
 if TYPE_CHECKING:
     from rich.table import Table
-
-# Paper, section 3.3: slope [deg], its error rate, front coverage (not given), error rates of area and volume.
-_PAPER_FIELD: Mapping[str, Sequence[float | None]] = {
-    "single": (63.89, 0.29, None, 0.57, 0.81),
-    "fused": (85.77, 0.047, None, 0.12, 0.18),
-}
 
 # Key, heading in two lines so that 80 columns hold a table, format.
 _SECTION_COLUMNS = (
@@ -36,14 +32,14 @@ _MESH_COLUMNS = (
 
 def section_table(rows: Sequence[Mapping[str, Any]]) -> Table:
     """Front slope, area and volume of known objects, the paper's own figures beside them where it prints them."""
-    table = _table("Front slope, sectional area and volume against the truth", ("object", "noise", "method"))
+    table = new_table("Front slope, sectional area and volume against the truth", ("object", "noise", "method"))
     for _, heading, _ in _SECTION_COLUMNS:
         table.add_column(heading, justify="right")
     for row in rows:
-        table.add_row(*_names(row), *(_cell(row[key], form) for key, _, form in _SECTION_COLUMNS))
+        table.add_row(*_names(row), *(show(row[key], form) for key, _, form in _SECTION_COLUMNS))
     table.add_section()
-    for method, figures in _PAPER_FIELD.items():
-        cells = (_cell(value, form) for value, (_, _, form) in zip(figures, _SECTION_COLUMNS, strict=True))
+    for method, figures in FIELD_TEST.items():
+        cells = (show(figures.get(key), form) for key, _, form in _SECTION_COLUMNS)
         table.add_row("brick, the paper's", "at sea", method, *cells, style="italic")
     return table
 
@@ -51,18 +47,18 @@ def section_table(rows: Sequence[Mapping[str, Any]]) -> Table:
 def mesh_table(rows: Sequence[Mapping[str, Any]]) -> Table:
     """Distances of clouds to a mesh and its seabed."""
     tolerance = rows[0]["tolerance"]
-    table = _table(f"Distance to mesh and seabed, and shares within {100.0 * tolerance:g} cm", ("object", "method"))
+    table = new_table(f"Distance to mesh and seabed, and shares within {100.0 * tolerance:g} cm", ("object", "method"))
     for _, heading, _ in _MESH_COLUMNS:
         table.add_column(heading, justify="right")
     for row in rows:
-        cells = (_cell(row[key], form) for key, _, form in _MESH_COLUMNS)
+        cells = (show(row[key], form) for key, _, form in _MESH_COLUMNS)
         table.add_row(_literal(row["object"]), row["method"], *cells)
     return table
 
 
 def preset_table(presets: Mapping[str, Mapping[str, float]]) -> Table:
     """Main figures of rigs, one rig a column."""
-    table = _table("Presets", ("",))
+    table = new_table("Presets", ("",))
     for name in presets:
         table.add_column(name, justify="right")
     for key in next(iter(presets.values())):
@@ -72,24 +68,25 @@ def preset_table(presets: Mapping[str, Mapping[str, float]]) -> Table:
 
 def device_table(devices: Sequence[Mapping[str, Any]]) -> Table:
     """Warp devices with their memory."""
-    table = _table("Devices", ("device", "name"))
+    table = new_table("Devices", ("device", "name"))
     for heading in ("memory (GiB)", "threads"):
         table.add_column(heading, justify="right")
     for device in devices:
         memory = None if device["memory"] is None else device["memory"] / 2**30
-        table.add_row(device["alias"], _literal(device["name"]), _cell(memory, ".1f"), _cell(device["threads"], "d"))
+        table.add_row(device["alias"], _literal(device["name"]), show(memory, ".1f"), show(device["threads"], "d"))
     return table
 
 
 def version_table(versions: Mapping[str, str]) -> Table:
     """Versions by name."""
-    table = _table("Versions", ("", ""))
+    table = new_table("Versions", ("", ""))
     for name, version in versions.items():
         table.add_row(name, version)
     return table
 
 
-def _table(title: str, headings: Sequence[str]) -> Table:
+def new_table(title: str, headings: Sequence[str]) -> Table:
+    """An empty table in the form of all of ours, its first columns headed and to the left."""
     from rich import box
     from rich.table import Table
 
@@ -118,5 +115,6 @@ def _literal(text: str) -> str:
     return escape(text)
 
 
-def _cell(value: float | None, form: str) -> str:
+def show(value: float | None, form: str) -> str:
+    """A figure in a format, or a dash where there is none."""
     return "-" if value is None else format(value, form)

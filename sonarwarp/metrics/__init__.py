@@ -3,6 +3,7 @@
 from sonarwarp.metrics.calibration import CalibrationMetrics, evaluate_calibration
 from sonarwarp.metrics.evaluation import Evaluation, evaluate
 from sonarwarp.metrics.section import ObjectTruth, SectionMetrics, evaluate_section
+from sonarwarp.metrics.seen import seen_samples
 from sonarwarp.metrics.surface import (
     SonarView,
     SurfaceMetrics,
@@ -23,5 +24,6 @@ __all__ = [
     "evaluate_section",
     "evaluate_surface",
     "sample_surface",
+    "seen_samples",
     "visible_samples",
 ]

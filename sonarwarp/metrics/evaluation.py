@@ -45,6 +45,7 @@ def evaluate(
     slab_width: float = 0.02,
     scene: Scene | None = None,
     seen: np.ndarray | None = None,
+    part: np.ndarray | None = None,
     tolerance: float = 0.05,
     survey: Survey | None = None,
     contacts: FirstContacts | None = None,
@@ -57,7 +58,10 @@ def evaluate(
         objects: known objects, for sections.
         slab_width: width of the volume's slabs, about one beam spacing at the objects [m].
         scene: seabed and objects, for distances and classes of points.
-        seen: surface samples that the sonars could see (``visible_samples``) [m], shape [sample, 3]; with ``scene``.
+        seen: surface samples that the sonars could see (:func:`~sonarwarp.metrics.seen_samples`) [m], shape
+            [sample, 3]; with ``scene``.
+        part: whether a face of ``scene`` belongs to what is asked for, shape [face]; all do by default. Points that lie
+            on the rest are left out (:func:`~sonarwarp.metrics.evaluate_surface`).
         tolerance: distance within which a point or a sample counts as met [m].
         survey: frames that the cloud was made from; with ``contacts``.
         contacts: first contacts of those frames (``sonarwarp.truth.first_contacts``), for calibration; needs ``scene``
@@ -71,7 +75,7 @@ def evaluate(
     if scene is not None:
         samples = np.zeros((0, 3)) if seen is None else seen
         surface = evaluate_surface(
-            scene.vertices, scene.faces, [cloud.points], [samples], tolerance=tolerance, device=device
+            scene.vertices, scene.faces, [cloud.points], [samples], tolerance=tolerance, part=part, device=device
         )[0]
     calibration: Sequence[CalibrationMetrics] = ()
     if contacts is not None:

@@ -1,8 +1,13 @@
 """Accuracy, completeness and F-score of clouds against any mesh.
 
 Completeness asks only for the surface that the sonars could see, :func:`visible_samples` of
-:func:`sample_surface`; what several sonars see together is the union of their answers. A sample counts whole or not at
-all, as if met by a ray at its centre: how a beam's width mixes surfaces is not asked.
+:func:`sample_surface`; what several sonars see together is the union of their answers
+(``sonarwarp.metrics.seen_samples``). A sample counts whole or not at all, as if met by a ray at its centre: how a
+beam's width mixes surfaces is not asked.
+
+Where one part of a scene is asked for, points that lie on the rest are left out: a seabed that is right says nothing of
+the wreck on it. A point that lies on nothing counts against every part, since nobody can say which it was meant for;
+so no method gains by scattering its errors towards the seabed.
 """
 
 from __future__ import annotations
@@ -89,8 +94,11 @@ class SurfaceMetrics:
     tolerance: float
     """Distance within which a point or a sample counts as met [m]."""
 
+    counted: int
+    """Points of the cloud that accuracy and precision are about."""
+
     accuracy_mean: float | None
-    """Mean distance from the cloud's points to the surface [m]; needs a point."""
+    """Mean distance from these points to the surface [m]; needs a point."""
 
     accuracy_rms: float | None
     """Root mean square of that distance [m]."""
@@ -99,10 +107,10 @@ class SurfaceMetrics:
     """95th percentile of that distance [m]."""
 
     precision: float | None
-    """Share of the cloud's points within tolerance of the surface."""
+    """Share of these points within tolerance of the surface."""
 
     completeness: float | None
-    """Share of the visible samples with a cloud point within tolerance; needs a visible sample."""
+    """Share of the visible samples with any point of the cloud within tolerance; needs a visible sample."""
 
     f_score: float | None
     """Harmonic mean of precision and completeness; 0 for a cloud without points."""
@@ -209,6 +217,7 @@ def evaluate_surface(
     visible: Sequence[ArrayLike],
     *,
     tolerance: float,
+    part: ArrayLike | None = None,
     device: str | wp.Device | None = None,
     threads: int | None = None,
 ) -> list[SurfaceMetrics]:
@@ -220,6 +229,9 @@ def evaluate_surface(
         clouds: each cloud's points [m], every emitted one, shape [point, 3] each.
         visible: for each cloud the surface samples that its sonars could see [m], shape [sample, 3] each.
         tolerance: distance within which a point or a sample counts as met [m].
+        part: whether a face belongs to the part of the scene that is asked for, shape [face]; all do by default. A
+            point is left out that lies on the rest: within tolerance of it, and nearer to it than to the part. Of all
+            others the distance to the whole scene counts.
         device: where to compute.
         threads: CPU threads; all cores by default.
 
@@ -233,6 +245,7 @@ def evaluate_surface(
     device = wp.get_device(device)
     threads = cpu_threads() if threads is None else threads
     corners, indices = _checked_mesh(vertices, faces)
+    asked = np.ones(len(indices), dtype=bool) if part is None else checked_part(part, len(indices))
     if len(clouds) != len(visible):
         raise ValueError(f"visible: {len(visible)} sets of samples for {len(clouds)} clouds")
     if not (math.isfinite(tolerance) and tolerance > 0.0):
@@ -241,9 +254,26 @@ def evaluate_surface(
     corners = corners - origin
     points = [finite_array(f"clouds[{i}]", each, shape=(None, 3)) - origin for i, each in enumerate(clouds)]
     samples = [finite_array(f"visible[{i}]", each, shape=(None, 3)) - origin for i, each in enumerate(visible)]
-    to_surface = _to_surface(corners, indices, points, device, threads)
+    to_surface = [
+        distance[asked[face] | (distance > tolerance)]
+        for distance, face in _to_surface(corners, indices, points, device, threads)
+    ]
     to_cloud = _to_cloud(points, samples, tolerance, device, threads)
     return [_metrics(a, b, tolerance) for a, b in zip(to_surface, to_cloud, strict=True)]
+
+
+def checked_part(part: ArrayLike, faces: int) -> np.ndarray:
+    """A part of a mesh as booleans, shape [face].
+
+    Raises:
+        ValueError: another type or shape, or no face.
+    """
+    asked = np.asarray(part)
+    if asked.dtype != bool or asked.shape != (faces,):
+        raise ValueError(f"part: expected bool of shape ({faces},), got {asked.dtype} of {asked.shape}")
+    if not asked.any():
+        raise ValueError("part: no face, must be at least one")
+    return asked
 
 
 def _checked_mesh(vertices: ArrayLike, faces: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
@@ -287,15 +317,16 @@ def _row(parts: Sequence[np.ndarray], device: wp.Device) -> tuple[wp.array, wp.a
 
 def _to_surface(
     corners: np.ndarray, indices: np.ndarray, points: Sequence[np.ndarray], device: wp.Device, threads: int
-) -> list[np.ndarray]:
-    """Distance of each cloud point to the surface [m], shape [point] per cloud."""
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Distance of each cloud point to the surface [m] and the face that is nearest, shape [point] each, per cloud."""
     firsts = _firsts(points)
     if not firsts[-1]:
-        return [np.zeros(0) for _ in points]
+        return [(np.zeros(0), np.zeros(0, dtype=int)) for _ in points]
     mesh = _mesh(corners, indices, device)
     row, owner = _row(points, device)
     everything = np.concatenate([corners, *points])
     distance = wp.zeros(firsts[-1], dtype=float, device=device)
+    face = wp.zeros(firsts[-1], dtype=int, device=device)
     surface.surface_points(
         wp.array([mesh.id] * len(points), dtype=wp.uint64, device=device),
         row,
@@ -304,11 +335,12 @@ def _to_surface(
         1.01 * float(np.linalg.norm(np.ptp(everything, axis=0))) + 1e-3,
         distance,
         wp.zeros(firsts[-1], dtype=wp.vec3, device=device),
-        wp.zeros(firsts[-1], dtype=int, device=device),
+        face,
         device=device,
         threads=threads,
     )
-    return np.split(distance.numpy().astype(np.float64), firsts[1:-1])
+    distances = np.split(distance.numpy().astype(np.float64), firsts[1:-1])
+    return list(zip(distances, np.split(face.numpy(), firsts[1:-1]), strict=True))
 
 
 def _to_cloud(
@@ -358,6 +390,7 @@ def _metrics(to_surface: np.ndarray, to_cloud: np.ndarray, tolerance: float) -> 
         f_score = 2.0 * (precision or 0.0) * completeness / both if both > 0.0 else 0.0
     return SurfaceMetrics(
         tolerance=tolerance,
+        counted=len(to_surface),
         accuracy_mean=mean,
         accuracy_rms=rms,
         accuracy_p95=p95,

@@ -5,9 +5,7 @@
 
 from __future__ import annotations
 
-import errno
 import math
-import uuid
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,12 +15,10 @@ import numpy as np
 from sonarwarp.cloud import PointCloud
 from sonarwarp.survey import Survey, by_trajectory
 from sonarwarp_scenes import Trajectory
+from sonarwarp_scenes.usd_stage import add_curves, add_moving, extent, new_stage, save, set_times
 
 if TYPE_CHECKING:
     from pxr import Sdf, Usd
-
-# Times in seconds survive a power of two bit for bit.
-_TIME_CODES_PER_SECOND = 32.0
 
 # Five colours of matplotlib's viridis (CC0), dark to bright; OpenUSD's colours are linear in light, these are not.
 _VIRIDIS = np.array([[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]]) / 255.0
@@ -78,39 +74,24 @@ def write_cloud_usd(
     from pxr import UsdGeom
 
     path, tracks = Path(path), tracks or {}
-    if path.suffix not in (".usda", ".usdc", ".usd"):
-        raise ValueError(f"path: {path}, must end in .usda, .usdc or .usd")
     if not (math.isfinite(width) and width > 0.0):
         raise ValueError(f"width: {width} m, must be positive and finite")
     if colour_by is not None and colour_by not in cloud.attributes:
         raise ValueError(f"colour_by: {colour_by!r}, must be one of {', '.join(cloud.attributes) or 'no attributes'}")
-    stage = _new_stage(tracks)
+    stage = new_stage("Points and the ways of the sonars that saw them.")
     world = stage.GetDefaultPrim().GetPath()
     _add_cloud(stage, world.AppendChild("Cloud"), cloud, colour_by, width)
     frames, curves = world.AppendChild("Tracks"), world.AppendChild("Paths")
     if tracks:
+        start = min(float(track.times[0]) for track in tracks.values())
+        set_times(stage, start, max(float(track.times[-1]) for track in tracks.values()))
         UsdGeom.Scope.Define(stage, frames)
         UsdGeom.Scope.Define(stage, curves)
     for name, prim_name in _identifiers("tracks", tracks).items():
         _add_track(stage, frames.AppendChild(prim_name), tracks[name])
         if len(tracks[name].poses) > 1:
-            _add_lines(stage, curves.AppendChild(prim_name), [tracks[name].poses[:, :3]])
-    _save(stage, path)
-
-
-def _new_stage(tracks: Mapping[str, Trajectory]) -> Usd.Stage:
-    from pxr import Usd, UsdGeom
-
-    stage = Usd.Stage.CreateInMemory()
-    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
-    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
-    stage.SetTimeCodesPerSecond(_TIME_CODES_PER_SECOND)
-    stage.SetFramesPerSecond(_TIME_CODES_PER_SECOND)
-    if tracks:
-        stage.SetStartTimeCode(_TIME_CODES_PER_SECOND * min(float(track.times[0]) for track in tracks.values()))
-        stage.SetEndTimeCode(_TIME_CODES_PER_SECOND * max(float(track.times[-1]) for track in tracks.values()))
-    stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/World").GetPrim())
-    return stage
+            add_curves(stage, curves.AppendChild(prim_name), [tracks[name].poses[:, :3]], _TRACK_COLOUR)
+    save(stage, path)
 
 
 def _identifiers(kind: str, names: Mapping[str, object]) -> dict[str, str]:
@@ -134,7 +115,7 @@ def _add_cloud(stage: Usd.Stage, path: Sdf.Path, cloud: PointCloud, colour_by: s
     prim.CreateWidthsAttr([width])
     prim.SetWidthsInterpolation(UsdGeom.Tokens.constant)
     if len(points):
-        prim.CreateExtentAttr(_extent(points, 0.5 * width))
+        prim.CreateExtentAttr(extent(points, 0.5 * width))
     if colour_by is not None:
         colour = prim.CreateDisplayColorPrimvar(UsdGeom.Tokens.vertex)
         colour.Set(Vt.Vec3fArray.FromNumpy(_colours(cloud.attributes[colour_by])))
@@ -175,57 +156,5 @@ def _colours(values: np.ndarray) -> np.ndarray:
 
 
 def _add_track(stage: Usd.Stage, path: Sdf.Path, track: Trajectory) -> None:
-    from pxr import Gf, UsdGeom
-
-    frame = UsdGeom.Xform.Define(stage, path)
-    translate = frame.AddTranslateOp(UsdGeom.XformOp.PrecisionDouble)
-    orient = frame.AddOrientOp(UsdGeom.XformOp.PrecisionDouble)
-    for time, (x, y, z, qx, qy, qz, qw) in zip(track.times.tolist(), track.poses.tolist(), strict=True):
-        translate.Set(Gf.Vec3d(x, y, z), _TIME_CODES_PER_SECOND * time)
-        orient.Set(Gf.Quatd(qw, qx, qy, qz), _TIME_CODES_PER_SECOND * time)
-    _add_lines(stage, path.AppendChild("Cross"), [np.stack([np.zeros(3), arm]) for arm in _ARMS])
-
-
-def _add_lines(stage: Usd.Stage, path: Sdf.Path, lines: list[np.ndarray]) -> None:
-    """Polylines 1 cm wide."""
-    from pxr import UsdGeom, Vt
-
-    curves = UsdGeom.BasisCurves.Define(stage, path)
-    points = np.concatenate(lines).astype(np.float32)
-    curves.CreateTypeAttr(UsdGeom.Tokens.linear)
-    curves.CreateCurveVertexCountsAttr([len(line) for line in lines])
-    curves.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(points))
-    curves.CreateWidthsAttr([0.01])
-    curves.SetWidthsInterpolation(UsdGeom.Tokens.constant)
-    curves.CreateExtentAttr(_extent(points, 0.005))
-    curves.CreateDisplayColorAttr([_TRACK_COLOUR])
-
-
-def _extent(points: np.ndarray, margin: float) -> list[list[float]]:
-    return [(points.min(axis=0) - margin).tolist(), (points.max(axis=0) + margin).tolist()]
-
-
-def _save(stage: Usd.Stage, path: Path) -> None:
-    """Write to a file beside ``path`` first, so that a failure leaves what was there."""
-    from pxr import Tf
-
-    # OpenUSD would make the folder.
-    if not path.parent.is_dir():
-        raise FileNotFoundError(errno.ENOENT, "no such folder", str(path.parent))
-    draft = path.with_name(f".{uuid.uuid4().hex}{path.suffix}")
-    try:
-        draft.touch()
-        if path.suffix == ".usda":
-            draft.write_text(stage.GetRootLayer().ExportToString())
-        else:
-            try:
-                written = stage.GetRootLayer().Export(str(draft))
-            except Tf.ErrorException:
-                written = False
-            if not written:
-                raise OSError(errno.EIO, "cannot be written in full, is the disk full?")
-        draft.replace(path)
-    except OSError as error:
-        raise OSError(error.errno, error.strerror, str(path)) from error
-    finally:
-        draft.unlink(missing_ok=True)
+    add_moving(stage, path, track)
+    add_curves(stage, path.AppendChild("Cross"), [np.stack([np.zeros(3), arm]) for arm in _ARMS], _TRACK_COLOUR)

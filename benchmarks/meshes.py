@@ -1,0 +1,157 @@
+"""Meshes half-buried in a rough seabed, through the command line: ``python -m benchmarks.meshes FOLDER``.
+
+Prints the table of the README as Markdown: each mesh is buried, simulated, reconstructed and evaluated by the commands
+that a person would type, each in a process of its own. ``--picture`` draws one mesh beside its clouds.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from rich.console import Console
+
+import sonarwarp as sw
+from sonarwarp.app import mesh_panels
+from sonarwarp.app.page import Page
+from sonarwarp.app.rows import METHODS
+from sonarwarp_scenes import Scene, read_scene
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mesh:
+    """A mesh file and what it is called."""
+
+    title: str
+    """Name in the table."""
+    file: str
+    """Name in the folder."""
+    scale: float = 1.0
+    """Metres per unit of the file."""
+
+
+MESHES = (
+    Mesh(title="ship, 3.5 m long", file="sunken_ship.ply", scale=0.2),
+    Mesh(title="vase, 0.7 m high", file="sunken_vase.obj"),
+    Mesh(title="shell, 1.4 m long", file="uxo.stl"),
+)
+
+_COLUMNS = (
+    ("Mean [m]", "accuracy_mean", ".3f"),
+    ("RMS [m]", "accuracy_rms", ".3f"),
+    ("95 % [m]", "accuracy_p95", ".3f"),
+    ("Precision", "precision", ".2f"),
+    ("Completeness", "completeness", ".2f"),
+    ("F-score", "f_score", ".2f"),
+)
+
+# Inches: a panel's width and height, the page's heading, and what surrounds the panels.
+_PANEL = (4.3, 3.0)
+_HEAD = 1.05
+_MARGIN = 0.45
+
+# Elevation and azimuth of the eye [deg].
+_EYE = (24.0, -130.0)
+
+# A long box leaves much of its square axes empty.
+_ZOOM = 1.2
+
+
+def main(
+    folder: Annotated[Path, typer.Argument(help=f"Folder with {', '.join(mesh.file for mesh in MESHES)}.")],
+    out: Annotated[Path | None, typer.Option(help="Folder that keeps scenes, logs and clouds; none if none.")] = None,
+    picture: Annotated[Path | None, typer.Option(help="PNG of one mesh and its clouds to write.")] = None,
+    pictured: Annotated[str, typer.Option(help="File of the mesh in the picture.")] = MESHES[0].file,
+    seed: Annotated[int, typer.Option(min=0, help="Of seabed, noise, motion, navigation and particles.")] = 0,
+) -> None:
+    """Print accuracy and completeness of clouds of real meshes as a Markdown table."""
+    if pictured not in [mesh.file for mesh in MESHES]:
+        raise typer.BadParameter(f"{pictured!r} is none of the meshes", param_hint="--pictured")
+    with tempfile.TemporaryDirectory() as scratch, Console(stderr=True).status("starting") as status:
+        rows = []
+        for mesh in MESHES:
+            status.update(mesh.title)
+            place = (Path(scratch) if out is None else out) / Path(mesh.file).stem
+            rows += [{"title": mesh.title, **row} for row in run_mesh(mesh, folder, place, seed)]
+            if picture is not None and mesh.file == pictured:
+                draw(mesh, place, picture)
+    print(markdown(rows))
+
+
+def run_mesh(mesh: Mesh, folder: Path, place: Path, seed: int) -> list[dict[str, Any]]:
+    """Commands from a mesh file to figures; what they write lies in ``place``. One row per method."""
+    place.mkdir(parents=True, exist_ok=True)
+    scene, rig, log, clouds = (str(place / name) for name in ("scene.usda", "rig.toml", "log", "clouds"))
+    drawn = ("--seed", str(seed))
+    Path(rig).write_text(_sonarwarp("preset", "paper simulation"))
+    buried = ("bury", str(folder / mesh.file), "--scale", str(mesh.scale), "--rig", rig, "--out", scene)
+    facts = json.loads(_sonarwarp(*buried, *drawn, "--json"))
+    late = ("--frames-from", str(facts["frames_from"]))
+    _sonarwarp("simulate", scene, "--rig", rig, "--out", log, "--overwrite", *late, *drawn)
+    _sonarwarp("reconstruct", log, "--out", clouds, *drawn)
+    judged = ("--truth", scene, "--log", log, "--part", facts["part"], "--json")
+    return [
+        {"method": method, **json.loads(_sonarwarp("evaluate", f"{clouds}/{method}.ply", *judged))}
+        for method in METHODS
+    ]
+
+
+def _sonarwarp(*arguments: str) -> str:
+    """Standard output of a command; the command's own words where it fails."""
+    done = subprocess.run([sys.executable, "-m", "sonarwarp.app", *arguments], capture_output=True, text=True)
+    if done.returncode:
+        raise SystemExit(done.stderr.strip())
+    return done.stdout
+
+
+def markdown(rows: Sequence[dict[str, Any]]) -> str:
+    """Rows as a table of the README."""
+    lines = [("Mesh", "Method", "Points", *(heading for heading, _, _ in _COLUMNS)), ("---",) * (3 + len(_COLUMNS))]
+    for row in rows:
+        figures = ("null" if row[key] is None else format(row[key], form) for _, key, form in _COLUMNS)
+        lines.append((row["title"], row["method"], str(row["points"]), *figures))
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
+
+
+def draw(mesh: Mesh, place: Path, path: Path) -> None:
+    """A mesh, and the clouds that :func:`run_mesh` left in ``place``, in one view."""
+    scene, report = read_scene(place / "scene.usda")
+    faces = report.faces_of("Mesh")
+    body = Scene(vertices=scene.vertices, faces=scene.faces[faces], impedance=scene.impedance[faces])
+    box = mesh_panels.box_over_seabed(body)
+    scale = mesh_panels.height_scale(0.0, float(body.bounds()[1, 2]))
+    width, height = _PANEL
+    page = Page(
+        (1 + len(METHODS)) * width + 1.2,
+        _HEAD + height + _MARGIN,
+        f"{mesh.title}, half-buried in a rough seabed",
+        "left: the mesh; then the clouds of both methods; coloured by height",
+    )
+    clouds = [sw.read_cloud(place / "clouds" / f"{method}.ply").points for method in METHODS]
+    for column, (title, points) in enumerate(zip(("mesh", *METHODS), (None, *clouds), strict=True)):
+        left = _MARGIN + column * width
+        axes = page.axes(left, _HEAD, width - _MARGIN, height, projection="3d", proj_type="ortho")
+        if points is None:
+            mesh_panels.draw_mesh(axes, body, box, scale)
+        else:
+            mesh_panels.draw_points(axes, points, box, scale)
+        axes.view_init(*_EYE)
+        axes.set_title(title, y=0.98)
+        axes.set_box_aspect(np.ptp(box, axis=0), zoom=_ZOOM)
+        # Between the panels there is no room for its name, and the colours say it.
+        axes.set_zlabel("")
+    bar = page.axes((1 + len(METHODS)) * width + _MARGIN, _HEAD + 0.4, 0.12, height - 0.8)
+    page.figure.colorbar(scale, cax=bar, label="height [m]")
+    page.save(path)
+
+
+if __name__ == "__main__":
+    typer.run(main)

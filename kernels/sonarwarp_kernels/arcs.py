@@ -1,0 +1,179 @@
+"""Where on its elevation arc a critical point lies, judged by both sonars together.
+
+A critical point fixes range and azimuth; the arc over the beam's elevation remains. Hypotheses on it, evenly spaced,
+weigh as likely as the profiling sonar's field holds them occupied (Eq. 22) and as the free depth leaves them in doubt:
+a contact lies where it is smallest along its own arc, so a common error of range or navigation cancels. The range needs
+no particles: its deviation, half a bin, is little beside what the free depth's allows for.
+
+A contact that the seabed explains, being hardly nearer than r_emin, says what is empty and gives no point.
+"""
+
+from typing import Any
+
+import warp as wp
+
+from sonarwarp_kernels.critical import NO_DETECTION
+from sonarwarp_kernels.estimate import ESTIMATE_TYPES, QUALITY_FALLBACK, QUALITY_INFORMED, QUALITY_NONE, Estimates
+from sonarwarp_kernels.field import check_field, occupancy, read_log_odds
+from sonarwarp_kernels.free_depth import hypothesis, read_free_depth
+from sonarwarp_kernels.geometry import beam_direction
+from sonarwarp_kernels.launch import check_array, launch
+from sonarwarp_kernels.particles import Contacts, Reading, check_contacts, world_point
+from sonarwarp_kernels.specs import Fan, Grid
+
+wp.set_module_options({"enable_backward": False})
+
+# A hypothesis in water that is surely empty keeps exp(-8) of its weight: where all are, the best of them still counts.
+MOST_DOUBT = wp.constant(8.0)
+
+# The free depth varies slowly: every fourth hypothesis finds its minimum.
+MINIMUM_STEP = wp.constant(4)
+
+
+@wp.struct
+class ArcModel:
+    """How hypotheses weigh."""
+
+    reach: float  # bound of the free depths [m]
+    deviation: float  # of a contact's free depth about its arc's least [m]
+    range_deviation: float  # of the critical range [m]
+    least_height: float  # over the seabed, at the beam's lower edge, of a contact that gives a point [m]
+    informed: float  # most standard deviation of elevation of an informed point [rad]
+
+
+@wp.func
+def doubt(model: ArcModel, free_depth: float, least: float) -> float:
+    """Likelihood that a place is not empty: its free depth against the arc's least one."""
+    away = wp.max(free_depth - least, 0.0) / model.deviation
+    return wp.exp(-wp.min(0.5 * away * away, MOST_DOUBT))
+
+
+@wp.func
+def seabed_height(fan: Fan, contacts: Contacts, frame: int, beam: int) -> float:
+    """Height over the seabed [m] of a beam's lower edge at its critical range, from r_emin."""
+    lower = beam_direction(fan.azimuth[beam], fan.elevation_min, fan.cone)
+    down = -wp.transform_vector(contacts.world_from_sensor[frame], lower)[2]
+    return down * (contacts.seabed_range[frame, beam] - contacts.critical_range[frame, beam])
+
+
+@wp.kernel
+def estimate_arcs_kernel(
+    first: int,
+    fan: Fan,
+    grid: Grid,
+    reading: Reading,
+    model: ArcModel,
+    contacts: Contacts,
+    log_odds: wp.array4d(dtype=int),  # [trajectory, x, y, z]
+    free_depth: wp.array4d(dtype=float),  # [trajectory, x, y, z]
+    hypotheses: int,
+    estimates_out: Estimates,
+):
+    index, beam = wp.tid()
+    frame = first + index
+    critical = contacts.critical_range[frame, beam]
+    estimates_out.quality[frame, beam] = QUALITY_NONE
+    if critical == NO_DETECTION or seabed_height(fan, contacts, frame, beam) < model.least_height:
+        return
+    owner = contacts.trajectory[frame]
+    pose = contacts.world_from_sensor[frame]
+    azimuth = fan.azimuth[beam]
+    step = (fan.elevation_max - fan.elevation_min) / float(hypotheses)
+    least = float(model.reach)
+    for number in range(0, hypotheses, MINIMUM_STEP):
+        point = world_point(pose, azimuth, hypothesis(fan, number, hypotheses), critical, fan.cone)
+        least = wp.min(least, read_free_depth(grid, free_depth, owner, point, model.reach))
+    # Moments about the beam's middle, so that squares stay small in float32.
+    centre = world_point(pose, azimuth, 0.0, critical, fan.cone)
+    total = float(0.0)
+    squares = float(0.0)
+    shift = wp.vec3(0.0, 0.0, 0.0)
+    outer = wp.mat33()
+    angle = float(0.0)
+    angle_square = float(0.0)
+    best = float(-1.0)
+    likely = float(0.0)
+    for number in range(hypotheses):
+        elevation = hypothesis(fan, number, hypotheses)
+        point = world_point(pose, azimuth, elevation, critical, fan.cone)
+        depth = read_free_depth(grid, free_depth, owner, point, model.reach)
+        held = read_log_odds(grid, log_odds, owner, point, reading.low, reading.high)
+        weight = doubt(model, depth, least) * occupancy(held)
+        if weight > best:
+            best = weight
+            likely = elevation
+        away = point - centre
+        total += weight
+        squares += weight * weight
+        shift += weight * away
+        outer += weight * wp.outer(away, away)
+        angle += weight * elevation
+        angle_square += weight * elevation * elevation
+    mean = shift / total
+    mean_angle = angle / total
+    deviation = wp.sqrt(wp.max(angle_square / total - mean_angle * mean_angle, 0.0) + step * step / 12.0)
+    along = wp.normalize(centre - wp.transform_get_translation(pose))
+    estimates_out.mean[frame, beam] = centre + mean
+    estimates_out.covariance[frame, beam] = (
+        outer / total - wp.outer(mean, mean) + model.range_deviation * model.range_deviation * wp.outer(along, along)
+    )
+    estimates_out.elevation_mean[frame, beam] = mean_angle
+    estimates_out.elevation_deviation[frame, beam] = deviation
+    estimates_out.effective_size[frame, beam] = total * total / squares
+    estimates_out.elevation[frame, beam] = likely
+    estimates_out.likely[frame, beam] = world_point(pose, azimuth, likely, critical, fan.cone)
+    estimates_out.quality[frame, beam] = wp.where(deviation <= model.informed, QUALITY_INFORMED, QUALITY_FALLBACK)
+
+
+def estimate_arcs(
+    fan: Fan,
+    grid: Grid,
+    reading: Reading,
+    model: ArcModel,
+    contacts: Contacts,
+    log_odds: wp.array,
+    free_depth: wp.array,
+    hypotheses: int,
+    estimates_out: Estimates,
+    *,
+    device: Any = None,
+    threads: int = 1,
+) -> None:
+    """Place all critical points.
+
+    Args:
+        fan: the imaging sonar.
+        grid: cells of both fields.
+        reading: how log-odds are read.
+        model: how hypotheses weigh.
+        contacts: critical points of all frames.
+        log_odds: the profiling sonar's field, shape [trajectory, x, y, z].
+        free_depth: what the imaging sonar proved empty (:mod:`sonarwarp_kernels.free_depth`), shape as ``log_odds``.
+        hypotheses: per beam, at least 1.
+        estimates_out: written for every frame and beam; where there is no point, only the quality.
+        device: device of all arrays.
+        threads: CPU threads.
+
+    Raises:
+        ValueError: an array of the wrong shape, type or device, a model out of bounds, or no hypotheses.
+    """
+    device = wp.get_device(device)
+    for name in ("reach", "deviation"):
+        if not getattr(model, name) > 0.0:
+            raise ValueError(f"model.{name}: must be above 0, got {getattr(model, name)}")
+    if hypotheses < 1:
+        raise ValueError(f"hypotheses: {hypotheses}, must be at least 1")
+    check_contacts(fan, contacts, device)
+    check_field(grid, "log_odds", log_odds, wp.int32, device)
+    check_field(grid, "free_depth", free_depth, wp.float32, device)
+    frames, beams = contacts.critical_range.shape
+    for name, dtype in ESTIMATE_TYPES.items():
+        check_array(f"estimates_out.{name}", getattr(estimates_out, name), (frames, beams), dtype, device)
+    launch(
+        estimate_arcs_kernel,
+        (frames, beams),
+        [fan, grid, reading, model, contacts, log_odds, free_depth, hypotheses],
+        [estimates_out],
+        device,
+        threads,
+    )
