@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     from sonarwarp.settings import (
         NO_NOISE,
         Detection,
+        Faces,
+        FreeSpace,
         LikelihoodField,
         Noise,
         RangeMixture,
@@ -34,7 +36,9 @@ __all__ = [
     "PS",
     "Clouds",
     "Detection",
+    "Faces",
     "Frames",
+    "FreeSpace",
     "LikelihoodField",
     "Log",
     "Motion",

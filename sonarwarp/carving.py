@@ -12,7 +12,7 @@ from sonarwarp.cloud import PointCloud
 from sonarwarp.clouds import face_cloud
 from sonarwarp.settings import ReconstructionSettings
 from sonarwarp.survey import Survey, group_rows
-from sonarwarp_kernels import arcs, crowd, free_depth, fronts, tops
+from sonarwarp_kernels import arcs, crowd, free_depth, fronts, sides, slots, tops
 from sonarwarp_kernels.estimate import Estimates
 from sonarwarp_kernels.particles import Contacts, Reading
 from sonarwarp_kernels.specs import Grid
@@ -28,6 +28,7 @@ class Carver:
         contacts: critical points of all frames; read, never written.
         world_from_head: pose of every ping's head, shape [ping].
         footprint: footprints of every ping; read, never written; shape [ping, footprint].
+        frame_slots: slots of a round of frames.
         threads: CPU threads.
     """
 
@@ -39,6 +40,7 @@ class Carver:
         contacts: Contacts,
         world_from_head: wp.array,
         footprint: wp.array,
+        frame_slots: int,
         threads: int,
     ) -> None:
         device = grid.origin.device
@@ -52,11 +54,14 @@ class Carver:
         self._carving = specs.carving(settings)
         self._model = specs.arc_model(settings)
         self._crowd = specs.crowd_model(settings)
+        self._sides = specs.side_model(settings)
         self._front_model = specs.front_model(settings, survey.rig.ps)
         shape = (survey.trajectories, grid.nx, grid.ny, grid.nz)
         self._free_depth = wp.zeros(shape, dtype=float, device=device)
         self._count = wp.zeros(shape, dtype=int, device=device)
         self._top = wp.full(shape[:3], tops.NO_TOP, dtype=int, device=device)
+        self._level = wp.zeros(contacts.critical_range.shape, dtype=float, device=device)
+        self._slot_level = wp.zeros((frame_slots, survey.rig.fls.beams), dtype=float, device=device)
         self.quality = wp.zeros(contacts.critical_range.shape, dtype=int, device=device)
         self._order, self._first_frame = self._by_trajectory(survey.frames.trajectory)
         self._profiles = self._plan_profiles(world_from_head, footprint)
@@ -90,6 +95,19 @@ class Carver:
             setattr(found, name, wp.zeros((*shape, columns), dtype=dtype, device=self._device))
         return found
 
+    def look(self, slot_frame: wp.array, images: wp.array, critical_bin: wp.array) -> None:
+        """Keep of a round's images how bright their contacts are.
+
+        Args:
+            slot_frame: frame of each slot, shape [slot].
+            images: shape [slot, beam, bin].
+            critical_bin: shape [slot, beam].
+        """
+        length = self._settings.free_space.side_bins
+        on = {"device": self._device, "threads": self._threads}
+        sides.measure_onsets(images, critical_bin, length, self._slot_level, **on)
+        slots.scatter_rows(slot_frame, self._slot_level, self._level, device=self._device)
+
     def conclude(self, log_odds: wp.array, reading: Reading, estimates: Estimates) -> None:
         """Measure what is empty, place all contacts, take strays out and find faces; only launches.
 
@@ -112,6 +130,7 @@ class Carver:
         )
         trajectory, point = contacts.trajectory, estimates.likely
         wp.copy(self.quality, estimates.quality)
+        sides.drop_sides(self._sides, contacts.critical_range, self._level, self.quality, **on)
         self._count.zero_()
         crowd.count_points(grid, trajectory, self.quality, point, self._count, device=self._device)
         crowd.drop_strays(grid, self._crowd, trajectory, point, self._count, self.quality, **on)

@@ -39,7 +39,18 @@ _COVARIANCE = (
     ("covariance_yz", 1, 2),
 )
 
-_BELIEFS = ("elevation", "elevation_mean", "elevation_deviation", "effective_size", "quality")
+_BELIEFS = (
+    "elevation",
+    "elevation_mean",
+    "elevation_deviation",
+    "elevation_low",
+    "elevation_high",
+    "effective_size",
+    "quality",
+)
+
+# Half the interval that holds 95 % of a normal distribution, in standard deviations.
+_NORMAL_95 = 1.959964
 
 
 def single_cloud(survey: Survey, critical_range: np.ndarray, edge: np.ndarray) -> PointCloud:
@@ -140,6 +151,8 @@ def face_cloud(survey: Survey, fronts: Mapping[str, np.ndarray], spacing: float)
             "elevation": elevation.astype(np.float32),
             "elevation_mean": elevation.astype(np.float32),
             "elevation_deviation": (deviation / distance).astype(np.float32),
+            "elevation_low": (elevation - _NORMAL_95 * deviation / distance).astype(np.float32),
+            "elevation_high": (elevation + _NORMAL_95 * deviation / distance).astype(np.float32),
             "effective_size": np.ones(len(points), dtype=np.float32),
             "quality": np.full(len(points), int(estimate.QUALITY_INFORMED), dtype=np.int32),
             **_covariance(covariance),

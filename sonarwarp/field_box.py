@@ -8,7 +8,7 @@ import warp as wp
 from sonarwarp.poses import rotate
 from sonarwarp.settings import LikelihoodField
 from sonarwarp.sonar import FLS
-from sonarwarp.survey import Survey, by_trajectory
+from sonarwarp.survey import Survey, group_rows
 from sonarwarp_kernels.specs import Grid
 
 # Margin around the region of interest: a PS beam's half width at 5 m [m].
@@ -24,7 +24,8 @@ def plan_grid(survey: Survey, settings: LikelihoodField, device: wp.Device) -> G
     Raises:
         ValueError: a box of 2 GiB or more, which kernels cannot index.
     """
-    boxes = [_region(survey, rows, settings.near) for rows in by_trajectory(survey.frames.trajectory)]
+    owned = group_rows(survey.frames.trajectory, survey.trajectories)
+    boxes = [_region(survey, rows, settings.near) for rows in owned]
     filled = [box for box in boxes if len(box)]
     if not filled:
         raise ValueError("survey.frames: empty, nothing to reconstruct")

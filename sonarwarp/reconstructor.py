@@ -109,7 +109,14 @@ class Reconstructor:
         self._carver = None
         if settings.method == "carved":
             self._carver = Carver(
-                survey, settings, self.grid, self.contacts, self._world_from_head, self._footprint, self.threads
+                survey,
+                settings,
+                self.grid,
+                self.contacts,
+                self._world_from_head,
+                self._footprint,
+                schedule.round_frame.shape[1],
+                self.threads,
             )
 
     def _seabed_level(self) -> float:
@@ -150,13 +157,15 @@ class Reconstructor:
         keys.frame_keys(seeds, owners, contacts.trajectory, number, keys.FLS_FRAMES, contacts.key, device=device)
         contacts.world_from_sensor = wp.array(frames.pose, dtype=wp.transform, device=device)
         contacts.critical_range = wp.full(shape, critical.NO_DETECTION, dtype=float, device=device)
+        # Frames not yet worked in prove nothing empty: theirs stays at 0.
         contacts.seabed_range = wp.zeros(shape, dtype=float, device=device)
+        self._seabed_range = wp.zeros(shape, dtype=float, device=device)
         altitude = wp.array(frames.altitude, dtype=float, device=device)
         roi.seabed_range(
             self._fan,
             contacts.world_from_sensor,
             altitude,
-            contacts.seabed_range,
+            self._seabed_range,
             device=device,
             threads=self.threads,
         )
@@ -189,7 +198,8 @@ class Reconstructor:
         frame, ping = self._slots["round_frame"], self._slots["round_ping"]
         slots.load_slots(self._tables["round_frame"], self._round, frame, device=self.device)
         slots.load_slots(self._tables["round_ping"], self._round, ping, device=self.device)
-        slots.gather_rows(frame, self.contacts.seabed_range, self._slot_seabed, device=self.device)
+        slots.gather_rows(frame, self._seabed_range, self._slot_seabed, device=self.device)
+        slots.scatter_rows(frame, self._slot_seabed, self.contacts.seabed_range, device=self.device)
         nearest = self.settings.detection.edge == "nearest"
         find = critical.find_nearest_critical_points if nearest else critical.find_critical_points
         find(
@@ -203,6 +213,8 @@ class Reconstructor:
             **on,
         )
         slots.scatter_rows(frame, self._slot_range, self.contacts.critical_range, device=self.device)
+        if self._carver is not None:
+            self._carver.look(frame, images, self._slot_bin)
         profile.detect_profile(self._ps_edge, self._detector, echoes, self._slot_footprint, **on)
         slots.scatter_rows(ping, self._slot_footprint, self._footprint, device=self.device)
 
@@ -260,6 +272,7 @@ class Reconstructor:
         self.log_odds.zero_()
         self._footprint.fill_(profile.NO_FOOTPRINT)
         self.contacts.critical_range.fill_(critical.NO_DETECTION)
+        self.contacts.seabed_range.zero_()
         self._estimates.quality.zero_()
 
     def read(self) -> Clouds:

@@ -6,7 +6,7 @@ import math
 
 from sonarwarp.settings import ReconstructionSettings
 from sonarwarp.sonar import PS
-from sonarwarp_kernels import arcs, critical, crowd, free_depth, fronts, inverse, particles, profile
+from sonarwarp_kernels import arcs, critical, crowd, free_depth, fronts, inverse, particles, profile, sides
 from sonarwarp_kernels.specs import Mixture
 
 
@@ -81,10 +81,21 @@ def arc_model(settings: ReconstructionSettings) -> arcs.ArcModel:
     """How hypotheses on an arc weigh."""
     chosen = arcs.ArcModel()
     chosen.reach = settings.free_space.reach
+    chosen.proven = settings.free_space.proven
     chosen.deviation = settings.free_space.deviation
     chosen.range_deviation = settings.mixture.deviation
     chosen.least_height = settings.free_space.least_height
     chosen.informed = math.radians(settings.free_space.informed_deg)
+    chosen.sharpness = settings.free_space.sharpness
+    chosen.registration = math.radians(settings.free_space.registration_deg)
+    return chosen
+
+
+def side_model(settings: ReconstructionSettings) -> sides.Sides:
+    """Which beams only brush what they meet."""
+    chosen = sides.Sides()
+    chosen.jump = settings.free_space.side_jump
+    chosen.share = settings.free_space.side_share
     return chosen
 
 
@@ -112,6 +123,7 @@ def front_model(settings: ReconstructionSettings, ps: PS) -> fronts.FrontModel:
         "window_along",
         "window_height",
         "deviation",
+        "clearance",
     ):
         setattr(chosen, name, getattr(settings.faces, name))
     return chosen

@@ -2,10 +2,10 @@
 
 A file has the tables ``fls``, ``ps``, ``fls_mount`` and ``ps_mount`` for a rig, ``noise``, ``motion`` and
 ``navigation`` for what a simulation adds, and ``reconstruction`` with ``reconstruction.detection``,
-``.likelihood_field`` and ``.mixture``; keys are the names of the dataclasses' fields. What a file leaves out keeps its
-default; without the table ``noise``, ``motion`` or ``navigation`` there is none of it. TOML has no null: ``"none"``
-stands for None. Arrays of edges are written out, or given as equal steps: ``beams`` and ``field_of_view_deg``;
-``bins``, ``window_start`` and ``window_length``.
+``.likelihood_field``, ``.mixture``, ``.free_space`` and ``.faces``; keys are the names of the dataclasses' fields. What
+a file leaves out keeps its default; without the table ``noise``, ``motion`` or ``navigation`` there is none of it. TOML
+has no null: ``"none"`` stands for None. Arrays of edges are written out, or given as equal steps: ``beams`` and
+``field_of_view_deg``; ``bins``, ``window_start`` and ``window_length``.
 """
 
 from __future__ import annotations

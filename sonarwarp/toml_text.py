@@ -123,7 +123,7 @@ def _add_default(table: Any, key: str, default: Any) -> None:
 def _add_comment(table: Any, text: str) -> None:
     import tomlkit
 
-    for line in textwrap.wrap(text, _WIDTH):
+    for line in textwrap.wrap(" ".join(text.split()), _WIDTH):
         table.add(tomlkit.comment(line))
 
 

@@ -19,6 +19,8 @@ from sonarwarp import (
     NO_NOISE,
     PRESETS,
     PS,
+    Faces,
+    FreeSpace,
     Motion,
     Mount,
     Navigation,
@@ -73,6 +75,7 @@ def changed(path: tuple[str, ...], value: typing.Any) -> str:
 
 
 LEAVES = leaves(tomllib.loads(FIELD))
+NESTED = ("detection", "likelihood_field", "mixture", "free_space", "faces")
 
 
 @pytest.mark.parametrize("name", PRESETS)
@@ -102,7 +105,7 @@ def test_a_preset_has_every_field_with_its_docstring_and_default():
         (Motion, table["motion"]),
         (Navigation, table["navigation"]),
         (ReconstructionSettings, nested),
-        *((type(getattr(ReconstructionSettings(), key)), nested[key]) for key in ("detection", "mixture")),
+        *((type(getattr(ReconstructionSettings(), key)), nested[key]) for key in NESTED),
     ):
         for name, comment in field_comments(cls).items():
             assert name in keys or name == "range_edge" or not comment
@@ -110,6 +113,28 @@ def test_a_preset_has_every_field_with_its_docstring_and_default():
     assert FIELD.count("# Default: ") + FIELD.count(" Default: ") >= len(LEAVES)
     assert "# Frames per second [Hz]. Paper.\n# Default: 10.0.\nrate = 10.0\n" in FIELD
     assert max(len(line) for line in FIELD.splitlines()) <= 100
+
+
+def test_every_part_of_a_reconstruction_is_a_table_with_all_its_fields():
+    table = tomllib.loads(FIELD)["reconstruction"]
+    assert {key for key, value in table.items() if isinstance(value, dict)} == set(NESTED)
+    for key in NESTED:
+        names = {field.name for field in dataclasses.fields(getattr(ReconstructionSettings(), key))}
+        assert table[key].keys() == names
+        assert {(leaf[2]) for leaf in LEAVES if leaf[:2] == ("reconstruction", key)} == names
+
+
+def test_any_method_and_parts_survive_their_text():
+    told = ReconstructionSettings(
+        method="paper",
+        causal=True,
+        particles=100,
+        free_space=FreeSpace(reach=0.2, margin_deg=0.1, hypotheses=7, stray_points=0),
+        faces=Faces(in_doubt=-0.01, before=0.0),
+    )
+    assert same(parse_settings(toml_text(reconstruction=told), "told"), told)
+    some = parse_settings("[reconstruction.faces]\nspacing = 0.05\n[reconstruction.free_space]\nguard = 0.1\n", "some")
+    assert same(some, ReconstructionSettings(faces=Faces(spacing=0.05), free_space=FreeSpace(guard=0.1)))
 
 
 def test_equal_steps_and_written_edges_say_the_same():
@@ -315,6 +340,31 @@ def test_other_refusals_say_where_they_come_from(tmp_path):
         parse_settings("[reconstruction.mixture]\nweight_hit = 1.0\n", "n")
     with pytest.raises(ValueError, match=r"n: reconstruction\.detection\.edge: 'first', must be one of 'nearest', "):
         parse_settings('[reconstruction.detection]\nedge = "first"\n', "n")
+
+
+# What a reconstruction is told, after its table's name, and how it is refused.
+CARELESS = {
+    "another method": ('method = "best"', r"n: reconstruction\.method: 'best', must be one of 'carved', 'paper'"),
+    "online without the paper's method": ("causal = true", r"n: reconstruction\.causal: true, needs method = 'paper'"),
+    "no reach": ("free_space.reach = 0", r"n: reconstruction\.free_space\.reach: 0 is outside \[0\.001, 10\]"),
+    "a share of all": ("free_space.stray_share = 2", r"free_space\.stray_share: 2 is outside \[0, 1\]"),
+    "no hypotheses": ("free_space.hypotheses = 0", r"free_space\.hypotheses: 0 is outside \[1, "),
+    "half a point": ("free_space.stray_points = 0.5", r"free_space\.stray_points: 0\.5, must be a whole number"),
+    "no spacing": ("faces.spacing = 0", r"n: reconstruction\.faces\.spacing: 0 is outside \[0\.001, 10\]"),
+    "contacts before behind": ("faces.before = -0.1", r"faces\.before: -0\.1 is outside \[0, 10\]"),
+    "a word": ('faces.deviation = "small"', r"n: reconstruction\.faces\.deviation: 'small', must be a number"),
+    "a misspelt key": ("faces.window = 1", r"n: reconstruction\.faces\.window: unknown"),
+    "a misspelt table": ("face.spacing = 1", r"n: reconstruction\.face: unknown, did you mean 'faces'\?"),
+    "a table as a value": ("free_space = 1", r"n: reconstruction\.free_space: 1, must be a table"),
+}
+
+
+@pytest.mark.parametrize("case", CARELESS)
+def test_a_careless_reconstruction_is_refused_with_its_bound(case):
+    text, message = CARELESS[case]
+    with pytest.raises(ValueError, match=message) as refusal:
+        parse_settings(f"[reconstruction]\n{text}\n", "n")
+    assert len(str(refusal.value).splitlines()) == 1
 
 
 LINES = FIELD.splitlines(keepends=True)

@@ -13,18 +13,28 @@ from typing import Any
 import warp as wp
 
 from sonarwarp_kernels.critical import NO_DETECTION
-from sonarwarp_kernels.estimate import ESTIMATE_TYPES, QUALITY_FALLBACK, QUALITY_INFORMED, QUALITY_NONE, Estimates
+from sonarwarp_kernels.estimate import (
+    ESTIMATE_TYPES,
+    NORMAL_INTERVAL,
+    QUALITY_FALLBACK,
+    QUALITY_INFORMED,
+    QUALITY_NONE,
+    Estimates,
+)
 from sonarwarp_kernels.field import check_field, occupancy, read_log_odds
 from sonarwarp_kernels.free_depth import hypothesis, read_free_depth
 from sonarwarp_kernels.geometry import beam_direction
 from sonarwarp_kernels.launch import check_array, launch
-from sonarwarp_kernels.particles import Contacts, Reading, check_contacts, world_point
+from sonarwarp_kernels.particles import Contacts, Reading, check_contacts, check_reading, world_point
 from sonarwarp_kernels.specs import Fan, Grid
 
 wp.set_module_options({"enable_backward": False})
 
 # A hypothesis in water that is surely empty keeps exp(-8) of its weight: where all are, the best of them still counts.
 MOST_DOUBT = wp.constant(8.0)
+
+# Mass of the interval of elevation.
+INTERVAL = wp.constant(0.95)
 
 # The free depth varies slowly: every fourth hypothesis finds its minimum.
 MINIMUM_STEP = wp.constant(4)
@@ -35,10 +45,13 @@ class ArcModel:
     """How hypotheses weigh."""
 
     reach: float  # bound of the free depths [m]
+    proven: float  # least free depth that tells anything: less is as likely, be it behind the surface or unseen [m]
     deviation: float  # of a contact's free depth about its arc's least [m]
     range_deviation: float  # of the critical range [m]
     least_height: float  # over the seabed, at the beam's lower edge, of a contact that gives a point [m]
     informed: float  # most standard deviation of elevation of an informed point [rad]
+    sharpness: float  # power of the weights that counts for the interval: neighbours on an arc share their evidence
+    registration: float  # standard deviation of elevation that both sonars' mounts and attitude add [rad]
 
 
 @wp.func
@@ -49,8 +62,33 @@ def doubt(model: ArcModel, free_depth: float, least: float) -> float:
 
 
 @wp.func
+def arc_weight(
+    fan: Fan,
+    grid: Grid,
+    reading: Reading,
+    model: ArcModel,
+    contacts: Contacts,
+    log_odds: wp.array4d(dtype=int),
+    free_depth: wp.array4d(dtype=float),
+    frame: int,
+    beam: int,
+    elevation: float,
+    least: float,
+) -> float:
+    """Weight of a place on a beam's arc."""
+    owner = contacts.trajectory[frame]
+    critical = contacts.critical_range[frame, beam]
+    point = world_point(contacts.world_from_sensor[frame], fan.azimuth[beam], elevation, critical, fan.cone)
+    depth = read_free_depth(grid, free_depth, owner, point, model.reach)
+    held = read_log_odds(grid, log_odds, owner, point, reading.low, reading.high)
+    return doubt(model, depth, least) * occupancy(held)
+
+
+@wp.func
 def seabed_height(fan: Fan, contacts: Contacts, frame: int, beam: int) -> float:
-    """Height over the seabed [m] of a beam's lower edge at its critical range, from r_emin."""
+    """Height over the seabed [m] of a beam's lower edge at its critical range; infinite where r_emin is."""
+    if not wp.isfinite(contacts.seabed_range[frame, beam]):
+        return wp.inf
     lower = beam_direction(fan.azimuth[beam], fan.elevation_min, fan.cone)
     down = -wp.transform_vector(contacts.world_from_sensor[frame], lower)[2]
     return down * (contacts.seabed_range[frame, beam] - contacts.critical_range[frame, beam])
@@ -82,29 +120,29 @@ def estimate_arcs_kernel(
     least = float(model.reach)
     for number in range(0, hypotheses, MINIMUM_STEP):
         point = world_point(pose, azimuth, hypothesis(fan, number, hypotheses), critical, fan.cone)
-        least = wp.min(least, read_free_depth(grid, free_depth, owner, point, model.reach))
+        least = wp.min(least, wp.max(read_free_depth(grid, free_depth, owner, point, model.reach), model.proven))
     # Moments about the beam's middle, so that squares stay small in float32.
     centre = world_point(pose, azimuth, 0.0, critical, fan.cone)
     total = float(0.0)
-    squares = float(0.0)
+    # Of small weights the squares underflow in float32.
+    squares = wp.float64(0.0)
     shift = wp.vec3(0.0, 0.0, 0.0)
     outer = wp.mat33()
     angle = float(0.0)
     angle_square = float(0.0)
+    sharp = float(0.0)
     best = float(-1.0)
-    likely = float(0.0)
+    likeliest = int(0)
     for number in range(hypotheses):
         elevation = hypothesis(fan, number, hypotheses)
-        point = world_point(pose, azimuth, elevation, critical, fan.cone)
-        depth = read_free_depth(grid, free_depth, owner, point, model.reach)
-        held = read_log_odds(grid, log_odds, owner, point, reading.low, reading.high)
-        weight = doubt(model, depth, least) * occupancy(held)
+        weight = arc_weight(fan, grid, reading, model, contacts, log_odds, free_depth, frame, beam, elevation, least)
         if weight > best:
             best = weight
-            likely = elevation
-        away = point - centre
+            likeliest = number
+        away = world_point(pose, azimuth, elevation, critical, fan.cone) - centre
         total += weight
-        squares += weight * weight
+        sharp += wp.pow(weight, model.sharpness)
+        squares += wp.float64(weight) * wp.float64(weight)
         shift += weight * away
         outer += weight * wp.outer(away, away)
         angle += weight * elevation
@@ -112,6 +150,56 @@ def estimate_arcs_kernel(
     mean = shift / total
     mean_angle = angle / total
     deviation = wp.sqrt(wp.max(angle_square / total - mean_angle * mean_angle, 0.0) + step * step / 12.0)
+    # The interval of highest density grows from the likeliest place to its more likely neighbour.
+    lowest = likeliest
+    highest = likeliest
+    below = float(0.0)
+    above = float(0.0)
+    held = wp.pow(best, model.sharpness)
+    side = int(2)
+    while held < INTERVAL * sharp and (lowest > 0 or highest < hypotheses - 1):
+        if side != 1:
+            below = float(-1.0)
+            if lowest > 0:
+                below = arc_weight(
+                    fan,
+                    grid,
+                    reading,
+                    model,
+                    contacts,
+                    log_odds,
+                    free_depth,
+                    frame,
+                    beam,
+                    hypothesis(fan, lowest - 1, hypotheses),
+                    least,
+                )
+        if side != 0:
+            above = float(-1.0)
+            if highest < hypotheses - 1:
+                above = arc_weight(
+                    fan,
+                    grid,
+                    reading,
+                    model,
+                    contacts,
+                    log_odds,
+                    free_depth,
+                    frame,
+                    beam,
+                    hypothesis(fan, highest + 1, hypotheses),
+                    least,
+                )
+        side = wp.where(below >= above, 0, 1)
+        held += wp.pow(wp.max(below, above), model.sharpness)
+        lowest -= 1 - side
+        highest += side
+    likely = hypothesis(fan, likeliest, hypotheses)
+    common = NORMAL_INTERVAL * model.registration
+    down = likely - hypothesis(fan, lowest, hypotheses) + 0.5 * step
+    up = hypothesis(fan, highest, hypotheses) + 0.5 * step - likely
+    estimates_out.elevation_low[frame, beam] = likely - wp.sqrt(down * down + common * common)
+    estimates_out.elevation_high[frame, beam] = likely + wp.sqrt(up * up + common * common)
     along = wp.normalize(centre - wp.transform_get_translation(pose))
     estimates_out.mean[frame, beam] = centre + mean
     estimates_out.covariance[frame, beam] = (
@@ -119,7 +207,7 @@ def estimate_arcs_kernel(
     )
     estimates_out.elevation_mean[frame, beam] = mean_angle
     estimates_out.elevation_deviation[frame, beam] = deviation
-    estimates_out.effective_size[frame, beam] = total * total / squares
+    estimates_out.effective_size[frame, beam] = float(wp.float64(total) * wp.float64(total) / squares)
     estimates_out.elevation[frame, beam] = likely
     estimates_out.likely[frame, beam] = world_point(pose, azimuth, likely, critical, fan.cone)
     estimates_out.quality[frame, beam] = wp.where(deviation <= model.informed, QUALITY_INFORMED, QUALITY_FALLBACK)
@@ -155,7 +243,7 @@ def estimate_arcs(
         threads: CPU threads.
 
     Raises:
-        ValueError: an array of the wrong shape, type or device, a model out of bounds, or no hypotheses.
+        ValueError: an array of the wrong shape, type or device, a model or clamps out of bounds, or no hypotheses.
     """
     device = wp.get_device(device)
     for name in ("reach", "deviation"):
@@ -163,6 +251,7 @@ def estimate_arcs(
             raise ValueError(f"model.{name}: must be above 0, got {getattr(model, name)}")
     if hypotheses < 1:
         raise ValueError(f"hypotheses: {hypotheses}, must be at least 1")
+    check_reading(reading)
     check_contacts(fan, contacts, device)
     check_field(grid, "log_odds", log_odds, wp.int32, device)
     check_field(grid, "free_depth", free_depth, wp.float32, device)

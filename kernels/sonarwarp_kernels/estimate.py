@@ -24,6 +24,9 @@ QUALITY_FALLBACK = wp.constant(1)
 QUALITY_INFORMED = wp.constant(2)
 """Placed by the field."""
 
+NORMAL_INTERVAL = wp.constant(1.959964)
+"""Half the interval that holds 95 % of a normal distribution, in standard deviations."""
+
 
 @wp.struct
 class Estimates:
@@ -36,6 +39,8 @@ class Estimates:
     covariance: wp.array2d(dtype=wp.mat33)  # [frame, beam] weighted covariance, world [m2]
     elevation_mean: wp.array2d(dtype=float)  # [frame, beam] weighted mean elevation [rad]
     elevation_deviation: wp.array2d(dtype=float)  # [frame, beam] weighted standard deviation of elevation [rad]
+    elevation_low: wp.array2d(dtype=float)  # [frame, beam] lower end of the interval that holds 95 % [rad]
+    elevation_high: wp.array2d(dtype=float)  # [frame, beam] its upper end [rad]
     effective_size: wp.array2d(dtype=float)  # [frame, beam] effective sample size
 
 
@@ -47,6 +52,8 @@ ESTIMATE_TYPES = {
     "covariance": wp.mat33,
     "elevation_mean": wp.float32,
     "elevation_deviation": wp.float32,
+    "elevation_low": wp.float32,
+    "elevation_high": wp.float32,
     "effective_size": wp.float32,
 }
 """Element type of each array in :class:`Estimates`, for whoever allocates them."""
@@ -103,9 +110,10 @@ def estimate_points_kernel(
     estimates_out.mean[frame, beam] = centre + mean
     estimates_out.covariance[frame, beam] = outer / total - wp.outer(mean, mean)
     estimates_out.elevation_mean[frame, beam] = mean_angle
-    estimates_out.elevation_deviation[frame, beam] = wp.sqrt(
-        wp.max(angle_square / total - mean_angle * mean_angle, 0.0)
-    )
+    deviation = wp.sqrt(wp.max(angle_square / total - mean_angle * mean_angle, 0.0))
+    estimates_out.elevation_deviation[frame, beam] = deviation
+    estimates_out.elevation_low[frame, beam] = mean_angle - NORMAL_INTERVAL * deviation
+    estimates_out.elevation_high[frame, beam] = mean_angle + NORMAL_INTERVAL * deviation
     estimates_out.effective_size[frame, beam] = float(wp.float64(total) * wp.float64(total) / squares)
     if best.log_odds >= reading.informed:
         estimates_out.quality[frame, beam] = QUALITY_INFORMED

@@ -20,12 +20,17 @@ FIXED_POINT = wp.constant(65536.0)
 """Counts per unit of log-odds: a cell holds sums up to 32,767 either way."""
 
 
-def check_field(grid: Grid, name: str, cells: wp.array, dtype: Any, device: Any) -> None:
-    """Refuse a grid and an array of its cells, called ``name``, that do not fit each other."""
+def check_grid(grid: Grid, device: Any) -> None:
+    """Refuse a grid that a kernel would misread."""
     if not grid.cell > 0.0:
         raise ValueError(f"grid.cell: must be above 0, got {grid.cell}")
     check_array("grid.origin", grid.origin, (None,), wp.vec3, device)
     check_array("grid.size", grid.size, (grid.origin.shape[0],), wp.vec3i, device)
+
+
+def check_field(grid: Grid, name: str, cells: wp.array, dtype: Any, device: Any) -> None:
+    """Refuse a grid and an array of its cells, called ``name``, that do not fit each other."""
+    check_grid(grid, device)
     check_array(name, cells, (grid.origin.shape[0], grid.nx, grid.ny, grid.nz), dtype, device)
 
 

@@ -57,8 +57,11 @@ def free_range(fan: Fan, carving: Carving, contacts: Contacts, frame: int, beam:
 
 
 @wp.func
-def nearest_beam(azimuth: wp.array(dtype=float), angle: float) -> int:
-    """Beam whose centre is nearest to ``angle`` [rad]; -1 half a spacing or more outside the first or last."""
+def nearest_beam(fan: Fan, angle: float) -> int:
+    """Beam whose centre is nearest to ``angle`` [rad]; -1 outside of all beams."""
+    if angle < fan.column_azimuth[0] or angle > fan.column_azimuth[fan.column_azimuth.shape[0] - 1]:
+        return -1
+    azimuth = fan.azimuth
     last = azimuth.shape[0] - 1
     if last == 0:
         return 0
@@ -68,9 +71,6 @@ def nearest_beam(azimuth: wp.array(dtype=float), angle: float) -> int:
         beam -= 1
     while beam < last and wp.abs(azimuth[beam + 1] - angle) < wp.abs(azimuth[beam] - angle):
         beam += 1
-    other = wp.where(beam < last, beam + 1, beam - 1)
-    if wp.abs(azimuth[beam] - angle) > 0.5 * wp.abs(azimuth[other] - azimuth[beam]):
-        return -1
     return beam
 
 
@@ -191,7 +191,7 @@ def proven_depth(
     polar = polar_coordinates(point, fan.cone)
     depth = -carving.reach
     if polar[2] >= low and polar[2] <= high:
-        beam = nearest_beam(fan.azimuth, polar[1])
+        beam = nearest_beam(fan, polar[1])
         if beam >= 0:
             depth = wp.max(free_range(fan, carving, contacts, frame, beam) - polar[0], depth)
     return depth
@@ -231,6 +231,9 @@ def measure_free_depth(
     if not 0.0 <= carving.margin < 0.5 * (fan.elevation_max - fan.elevation_min):
         raise ValueError(f"carving.margin: must be at least 0 and leave some of the beam, got {carving.margin}")
     check_contacts(fan, contacts, device)
+    check_array("fan.column_azimuth", fan.column_azimuth, (None,), wp.float32, device)
+    if fan.column_azimuth.shape[0] < 2:
+        raise ValueError(f"fan.column_azimuth: needs at least 2 borders, got {fan.column_azimuth.shape[0]}")
     check_array("order", order, contacts.trajectory.shape, wp.int32, device)
     trajectories = grid.origin.shape[0]
     check_array("first_frame", first_frame, (trajectories + 1,), wp.int32, device)

@@ -5,7 +5,8 @@ The profiling sonar looks from further away at low depression. A footprint that 
 its narrow beam, all at one range. Where across its wide fan that face stands, the imaging sonar says:
 
 - Places of the footprint's sheet in proven water are not it; this keeps the nearer of two objects from lending its face
-  to the other.
+  to the other. Where a nearer footprint of the same ping may be solid, the further one is hidden; this keeps the
+  further object from lending its own. Nor does the ray to a face run under contacts.
 - A face stands under contacts of the imaging sonar, a little before or behind; it ends at their height.
 
 At each place a robust line, run over height, goes through the footprints of other pings there, so that a face appears
@@ -16,9 +17,18 @@ from typing import Any
 
 import warp as wp
 
+from sonarwarp_kernels.faces import (
+    FrontModel,
+    Profiles,
+    check_profiles,
+    fan_angle_of,
+    is_face,
+    middle_of_face,
+    sheet_point,
+    upwards,
+)
 from sonarwarp_kernels.field import check_field
 from sonarwarp_kernels.free_depth import ask_around, read_free_depth
-from sonarwarp_kernels.geometry import beam_direction
 from sonarwarp_kernels.launch import check_array, launch
 from sonarwarp_kernels.profile import NO_FOOTPRINT
 from sonarwarp_kernels.specs import Grid
@@ -29,35 +39,17 @@ wp.set_module_options({"enable_backward": False})
 # Rounds of weighing residuals anew; the line has settled after three.
 ROUNDS = wp.constant(4)
 
+# From the slope on that an imaging sonar no longer sees as it is, 50 degrees, faces are ours; and how far behind their
+# foot the contacts at their upper edge may be looked for [m].
+STEEP = wp.constant(1.2)
+FURTHEST_TOP = wp.constant(1.0)
 
-@wp.struct
-class FrontModel:
-    """What counts as a face, and how its line is fitted."""
+# How a ray is followed back to see whether it ran through the object [m].
+COVER_STEP = wp.constant(0.05)
+COVER_STEPS = wp.constant(40)
 
-    half_width: float  # half the beamwidth in the scan plane [rad]
-    half_fan: float  # half the beamwidth across it [rad]
-    compact: float  # most spread of a face's footprint over the width of the beam there
-    spacing: float  # distance between patches across the fan [m]
-    reach: float  # bound of the free depths [m]
-    least_height: float  # of a face over the seabed [m]
-    in_doubt: float  # most free depth of a place that may be solid [m]
-    before: float  # how far ahead of a face the contacts over it may stand [m]
-    behind: float  # how far behind [m]
-    window_along: float  # other footprints count up to this far along the way [m]
-    window_height: float  # and up to this far in height [m]
-    deviation: float  # of a footprint from its face's line [m]
-
-
-@wp.struct
-class Profiles:
-    """Pings of all trajectories, and where each trajectory's stand in ``order``."""
-
-    trajectory: wp.array(dtype=int)  # [ping]
-    world_from_head: wp.array(dtype=wp.transform)  # [ping]
-    footprint: wp.array2d(dtype=wp.vec3)  # [ping, footprint]
-    seabed: wp.array(dtype=float)  # [ping] height of the seabed [m]
-    order: wp.array(dtype=int)  # [ping] pings by trajectory
-    first: wp.array(dtype=int)  # [trajectory + 1] where a trajectory begins in ``order``
+# Not from the face itself: contacts scatter about its edge.
+COVER_START = wp.constant(3)
 
 
 @wp.struct
@@ -87,33 +79,15 @@ FRONT_TYPES = {
 def highest_along(
     grid: Grid, model: FrontModel, top: wp.array3d(dtype=int), owner: int, point: wp.vec3, ahead: wp.vec3
 ) -> float:
-    """Highest contact over a face's place: from ``before`` ahead of it to ``behind`` it, along the way."""
+    """Highest contact that a face may end at, along the way: close by, or so high that the face to it is steep."""
     highest = float(NO_HEIGHT)
-    steps = int(wp.ceil((model.before + model.behind) / grid.cell))
+    steps = int(wp.ceil((model.before + FURTHEST_TOP) / grid.cell))
     for step in range(steps + 1):
-        place = point + (float(step) * grid.cell - model.before) * ahead
-        highest = wp.max(highest, top_height(grid, top, owner, place))
+        away = float(step) * grid.cell - model.before
+        height = top_height(grid, top, owner, point + away * ahead)
+        if away <= model.behind or height - point[2] > STEEP * away:
+            highest = wp.max(highest, height)
     return highest
-
-
-@wp.func
-def is_face(model: FrontModel, footprint: wp.vec3) -> bool:
-    """Whether a footprint is as compact in range as a face's within the beam."""
-    # 10 % to 90 % of a uniform spread is 0.8 of it.
-    spread = 1.25 * (footprint[2] - footprint[0])
-    return footprint[0] != NO_FOOTPRINT and spread < model.compact * 2.0 * model.half_width * footprint[1]
-
-
-@wp.func
-def sheet_point(head: wp.transform, distance: float, fan_angle: float) -> wp.vec3:
-    """World position on the beam's axis at a fan angle (Eq. 34)."""
-    return wp.transform_point(head, distance * beam_direction(0.0, fan_angle, 1))
-
-
-@wp.func
-def fan_angle_of(column: int, columns: int, spacing: float, distance: float) -> float:
-    """Angle across the fan [rad] of one of ``columns`` strips at a range, the middle one straight ahead."""
-    return (float(column) - 0.5 * float(columns - 1)) * spacing / distance
 
 
 @wp.kernel
@@ -128,11 +102,18 @@ def ask_sheets_kernel(
     index, column = wp.tid()
     ping = (first + index) // profiles.footprint.shape[1]
     footprint = profiles.footprint[ping, (first + index) % profiles.footprint.shape[1]]
-    if is_face(model, footprint):
+    if footprint[0] != NO_FOOTPRINT:
         angle = fan_angle_of(column, columns, 0.5 * model.spacing, footprint[1])
         if wp.abs(angle) <= model.half_fan:
-            point = sheet_point(profiles.world_from_head[ping], footprint[1], angle)
-            ask_around(grid, profiles.trajectory[ping], point, free_depth_out)
+            head = profiles.world_from_head[ping]
+            point = sheet_point(head, footprint[1], angle)
+            up = upwards(wp.transform_get_translation(head), point)
+            # Of a face, a beam over it or into the ground shows another place than its axis.
+            steps = int(0)
+            if is_face(model, footprint) and point[2] >= profiles.seabed[ping] + model.least_height:
+                steps = int(wp.ceil(model.half_width * footprint[1] / grid.cell))
+            for step in range(-steps, steps + 1):
+                ask_around(grid, profiles.trajectory[ping], point + float(step) * grid.cell * up, free_depth_out)
 
 
 def ask_sheets(
@@ -152,12 +133,44 @@ def ask_sheets(
         ValueError: an array of the wrong shape, type or device, or a model out of bounds.
     """
     device = wp.get_device(device)
-    _check(grid, model, profiles, device)
+    check_profiles(grid, model, profiles, device)
     check_field(grid, "free_depth_out", free_depth_out, wp.float32, device)
     pings, footprints = profiles.footprint.shape
     # Places between two strips are read too.
     between = 2 * columns - 1
     launch(ask_sheets_kernel, (pings * footprints, between), [grid, model, profiles, between], [free_depth_out], device)
+
+
+@wp.func
+def is_covered(
+    grid: Grid, top: wp.array3d(dtype=int), owner: int, head: wp.vec3, point: wp.vec3, clearance: float
+) -> bool:
+    """Whether the ray from a head to a point runs under contacts, ``clearance`` deep, on its last two metres."""
+    back = wp.normalize(head - point)
+    covered = bool(False)
+    for step in range(COVER_START, COVER_STEPS):
+        place = point + COVER_STEP * float(step) * back
+        covered = covered or place[2] < top_height(grid, top, owner, place) - clearance
+    return covered
+
+
+@wp.func
+def is_hidden(
+    grid: Grid,
+    model: FrontModel,
+    profiles: Profiles,
+    free_depth: wp.array4d(dtype=float),
+    ping: int,
+    which: int,
+    fan_angle: float,
+) -> bool:
+    """Whether a nearer footprint of the same ping may be solid at an angle across the fan, and hides what is behind."""
+    hidden = bool(False)
+    for nearer in range(which):
+        cover = sheet_point(profiles.world_from_head[ping], profiles.footprint[ping, nearer][1], fan_angle)
+        depth = read_free_depth(grid, free_depth, profiles.trajectory[ping], cover, model.reach)
+        hidden = hidden or depth <= model.in_doubt
+    return hidden
 
 
 @wp.kernel
@@ -190,10 +203,16 @@ def find_fronts_kernel(
     axis = wp.transform_vector(head, wp.vec3(1.0, 0.0, 0.0))
     ahead = wp.normalize(wp.vec3(axis[0], axis[1], 0.0))
     ceiling = highest_along(grid, model, top, owner, point, ahead)
-    seabed = profiles.seabed[ping] + model.least_height
-    if point[2] - half_height > ceiling or point[2] < seabed:
+    ground = profiles.seabed[ping]
+    if point[2] - half_height > ceiling or point[2] < ground + model.least_height:
         return
+    axis_height = point[2]
+    point = middle_of_face(model, wp.transform_get_translation(head), point, ground, ceiling)
     if read_free_depth(grid, free_depth, owner, point, model.reach) > model.in_doubt:
+        return
+    if is_covered(grid, top, owner, wp.transform_get_translation(head), point, model.clearance):
+        return
+    if is_hidden(grid, model, profiles, free_depth, ping, which, fan_angle):
         return
     place = float(0.0)
     run = float(0.0)
@@ -217,13 +236,18 @@ def find_fronts_kernel(
             for member in range(footprints):
                 seen = profiles.footprint[neighbour, member]
                 if is_face(model, seen) and wp.abs(aside) < seen[1] * wp.sin(model.half_fan):
-                    away = sheet_point(pose, seen[1], wp.asin(aside / seen[1])) - point
+                    angle = wp.asin(aside / seen[1])
+                    place_seen = sheet_point(pose, seen[1], angle)
+                    origin = wp.transform_get_translation(pose)
+                    away = middle_of_face(model, origin, place_seen, ground, ceiling) - point
                     x = wp.dot(away, ahead)
                     h = away[2]
                     near = wp.abs(x) < model.window_along and wp.abs(h) < model.window_height
-                    if near and point[2] + h > seabed - 0.5 * model.least_height:
+                    if near and point[2] + h > ground + 0.5 * model.least_height:
                         depth = read_free_depth(grid, free_depth, owner, point + away, model.reach)
-                        if depth < model.in_doubt:
+                        if depth < model.in_doubt and not is_hidden(
+                            grid, model, profiles, free_depth, neighbour, member, angle
+                        ):
                             residual = (x - place - run * h) / model.deviation
                             near_height = h / (0.6 * model.window_height)
                             weight = wp.exp(-0.5 * near_height * near_height)
@@ -249,8 +273,10 @@ def find_fronts_kernel(
     fronts_out.found[ping, which, column] = 1
     fronts_out.point[ping, which, column] = point + place * ahead
     fronts_out.run[ping, which, column] = run * ahead + wp.vec3(0.0, 0.0, 1.0)
-    fronts_out.low[ping, which, column] = wp.max(-half_height, seabed - 0.5 * model.least_height - point[2])
-    fronts_out.high[ping, which, column] = wp.min(half_height, ceiling - point[2])
+    fronts_out.low[ping, which, column] = (
+        wp.max(axis_height - half_height, ground + 0.5 * model.least_height) - point[2]
+    )
+    fronts_out.high[ping, which, column] = wp.min(axis_height + half_height, ceiling) - point[2]
     fronts_out.deviation[ping, which, column] = model.deviation * wp.sqrt(wp.max(variance, 0.01))
 
 
@@ -281,7 +307,7 @@ def find_fronts(
         ValueError: an array of the wrong shape, type or device, or a model out of bounds.
     """
     device = wp.get_device(device)
-    _check(grid, model, profiles, device)
+    check_profiles(grid, model, profiles, device)
     check_field(grid, "free_depth", free_depth, wp.float32, device)
     check_array("top", top, (grid.origin.shape[0], grid.nx, grid.ny), wp.int32, device)
     pings, footprints = profiles.footprint.shape
@@ -297,16 +323,3 @@ def find_fronts(
         device,
         threads,
     )
-
-
-def _check(grid: Grid, model: FrontModel, profiles: Profiles, device: Any) -> None:
-    for name in ("half_width", "half_fan", "spacing", "reach", "window_along", "window_height", "deviation"):
-        if not getattr(model, name) > 0.0:
-            raise ValueError(f"model.{name}: must be above 0, got {getattr(model, name)}")
-    check_array("profiles.trajectory", profiles.trajectory, (None,), wp.int32, device)
-    pings = profiles.trajectory.shape[0]
-    check_array("profiles.world_from_head", profiles.world_from_head, (pings,), wp.transform, device)
-    check_array("profiles.footprint", profiles.footprint, (pings, None), wp.vec3, device)
-    check_array("profiles.seabed", profiles.seabed, (pings,), wp.float32, device)
-    check_array("profiles.order", profiles.order, (pings,), wp.int32, device)
-    check_array("profiles.first", profiles.first, (grid.origin.shape[0] + 1,), wp.int32, device)

@@ -133,6 +133,16 @@ def check_contacts(fan: Fan, contacts: Contacts, device: Any) -> None:
     check_array("contacts.critical_range", contacts.critical_range, (frames, beams), wp.float32, device)
 
 
+def check_reading(reading: Reading) -> None:
+    """Refuse clamps that leave no log-odds, or no weight.
+
+    Raises:
+        ValueError: clamps out of bounds.
+    """
+    if not -80.0 <= reading.low <= reading.high:
+        raise ValueError(f"reading.low: must lie between -80 and reading.high = {reading.high:g}, got {reading.low:g}")
+
+
 def check_inputs(
     fan: Fan,
     grid: Grid,
@@ -149,8 +159,7 @@ def check_inputs(
         ValueError: an array of the wrong shape, type or device; clamps or a mixture out of bounds.
     """
     check_mixture(mixture)
-    if not -80.0 <= reading.low <= reading.high:
-        raise ValueError(f"reading.low: must lie between -80 and reading.high = {reading.high:g}, got {reading.low:g}")
+    check_reading(reading)
     check_contacts(fan, contacts, device)
     check_array("slot_frame", slot_frame, (None,), wp.int32, device)
     check_field(grid, "log_odds", log_odds, wp.int32, device)

@@ -6,6 +6,7 @@ import warp as wp
 
 from sonarwarp_kernels.crowd import cell_of
 from sonarwarp_kernels.estimate import QUALITY_NONE
+from sonarwarp_kernels.field import check_grid
 from sonarwarp_kernels.launch import check_array, launch
 from sonarwarp_kernels.specs import Grid
 
@@ -59,6 +60,7 @@ def raise_tops(
         ValueError: an array of the wrong shape, type or device.
     """
     device = wp.get_device(device)
+    check_grid(grid, device)
     check_array("trajectory", trajectory, (None,), wp.int32, device)
     check_array("quality", quality, (trajectory.shape[0], None), wp.int32, device)
     check_array("point", point, quality.shape, wp.vec3, device)
