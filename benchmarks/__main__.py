@@ -79,7 +79,7 @@ def show(rows: list[dict[str, Any]], formed: list[dict[str, Any]], logs: list[di
         device = row["device"]
         console.print(
             f"{row['frames']} frames of {row['beams']} x {row['bins']}, {row['pings']} pings, "
-            f"{row['particles']} particles a beam; {device['name']}, {device['threads'] or 'no'} CPU threads, "
+            f"{row['method']}, {row['hypotheses']} places a beam; {device['name']}, {device['threads'] or 'no'} CPU threads, "
             f"Warp {row['versions']['warp']}",
             style="dim",
         )

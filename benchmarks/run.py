@@ -102,7 +102,8 @@ def measure(
         "pings": batch.pings,
         "beams": case.rig.fls.beams,
         "bins": case.rig.fls.bins,
-        "particles": case.settings.particles,
+        "method": case.settings.method,
+        "hypotheses": _hypotheses(case.settings),
         "frames_per_second": batch.frames / statistics.median(seconds),
         "frames_per_second_range": [batch.frames / max(seconds), batch.frames / min(seconds)],
         "planning_s": planning,
@@ -113,6 +114,11 @@ def measure(
         "peak_memory_mib": _peak_memory(device),
         **machine(device),
     }
+
+
+def _hypotheses(settings: sw.ReconstructionSettings) -> int:
+    """Places weighed per beam, whatever the method calls them."""
+    return settings.particles if settings.method == "paper" else settings.free_space.hypotheses
 
 
 def _peak_memory(device: str) -> float:

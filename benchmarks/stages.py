@@ -11,7 +11,21 @@ from typing import Any
 
 import warp as wp
 
-from sonarwarp_kernels import critical, echo, estimate, field, noise, profile, slots
+from sonarwarp_kernels import (
+    arcs,
+    critical,
+    crowd,
+    echo,
+    estimate,
+    field,
+    free_depth,
+    fronts,
+    noise,
+    profile,
+    sides,
+    slots,
+    tops,
+)
 
 # Stage -> launchers of one module; the two sonars are told apart by their number of beams.
 _LAUNCHERS: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
@@ -21,6 +35,13 @@ _LAUNCHERS: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
     ("profile", profile, ("detect_profile",)),
     ("field", field, ("update_field",)),
     ("particles", estimate, ("estimate_points",)),
+    ("free depth", free_depth, ("ask_arcs", "measure_free_depth")),
+    ("free depth", fronts, ("ask_sheets",)),
+    ("arcs", arcs, ("estimate_arcs",)),
+    ("strays and sides", crowd, ("count_points", "drop_strays")),
+    ("strays and sides", sides, ("measure_onsets", "drop_sides")),
+    ("faces", tops, ("raise_tops",)),
+    ("faces", fronts, ("find_fronts",)),
     ("slots", slots, ("load_slots", "load_poses", "load_noise", "gather_rows", "scatter_rows", "next_round")),
 )
 

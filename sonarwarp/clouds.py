@@ -52,6 +52,9 @@ _BELIEFS = (
 # Half the interval that holds 95 % of a normal distribution, in standard deviations.
 _NORMAL_95 = 1.959964
 
+# What rounding leaves of a component that is zero, for poses of float32.
+_ROUNDING = 1e-6
+
 
 def single_cloud(survey: Survey, critical_range: np.ndarray, edge: np.ndarray) -> PointCloud:
     """Points at the beams' lower edges.
@@ -107,7 +110,7 @@ def face_cloud(survey: Survey, fronts: Mapping[str, np.ndarray], spacing: float)
     """Points of the profiling sonar: every patch of a face filled from its lower to its upper end.
 
     ``frame`` is the ping's number, ``beam`` the strip across the fan; ``azimuth`` is the angle across the fan and
-    ``elevation`` the one in the scan plane, positive upwards.
+    ``elevation`` the one in the scan plane, positive upwards, or towards the head's y axis where that is level.
 
     Args:
         survey: the pings.
@@ -129,14 +132,16 @@ def face_cloud(survey: Survey, fronts: Mapping[str, np.ndarray], spacing: float)
     # Inverse of the head's turn: x along its axis, y in the scan plane, z across it. Lying on its side, either way
     # round, its y axis points up or down.
     seen = rotate(head[:, 3:] * (-1.0, -1.0, -1.0, 1.0), away)
-    upwards = np.sign(rotate(head[:, 3:], np.array([0.0, 1.0, 0.0]))[:, 2])
+    upwards = np.where(rotate(head[:, 3:], np.array([0.0, 1.0, 0.0]))[:, 2] < -_ROUNDING, -1.0, 1.0)
     elevation = upwards * np.arctan2(seen[:, 1], seen[:, 0])
     axis = rotate(head[:, 3:], np.array([1.0, 0.0, 0.0]))
-    ahead = axis * (1.0, 1.0, 0.0)
-    ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
+    level = np.linalg.norm(axis[:, :2], axis=1, keepdims=True)
+    ahead = np.divide(axis * (1.0, 1.0, 0.0), level, out=np.zeros_like(axis), where=level > _ROUNDING)
+    across = ahead[:, :, None] * ahead[:, None, :]
+    # A head that looks straight down does not say which way a face looks.
+    across[level[:, 0] <= _ROUNDING] = np.diag([1.0, 1.0, 0.0])
     # A strip is known across and along itself to its own size, across the face to its line's deviation.
-    covariance = (deviation**2)[:, None, None] * ahead[:, :, None] * ahead[:, None, :]
-    covariance += spacing**2 / 12.0 * (np.eye(3) - ahead[:, :, None] * ahead[:, None, :])
+    covariance = (deviation**2)[:, None, None] * across + spacing**2 / 12.0 * (np.eye(3) - across)
     pings = survey.pings
     return PointCloud(
         points=points.astype(np.float32),

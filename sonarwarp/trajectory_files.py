@@ -150,7 +150,8 @@ def _wanted_columns(where: str, names: list[str]) -> tuple[str, ...]:
     for name in wanted:
         if names.count(name) != 1:
             problem = "missing" if name not in names else f"given {names.count(name)} times"
-            raise ValueError(f"{where}: column {name}: {problem}, must be there once; columns are {', '.join(names)}")
+            shown = ", ".join(map(_shown, names))
+            raise ValueError(f"{where}: column {name}: {problem}, must be there once; columns are {shown}")
     return wanted
 
 

@@ -16,7 +16,14 @@ UNASKED = float(free_depth.UNASKED)
 UNEVEN = np.float32([-0.5, -0.42, -0.3, 0.1, 0.15, 0.4])
 """Beams' centres with wide and narrow gaps."""
 
-DOUBT = {"proven": -0.2, "deviation": 0.1, "range_deviation": 0.3, "least_height": 0.1}
+DOUBT = {
+    "proven": -0.2,
+    "deviation": 0.1,
+    "range_deviation": 0.3,
+    "least_height": 0.1,
+    "sharpness": 1.0,
+    "registration": 0.0,
+}
 
 ATTITUDES = {
     "level": np.eye(3),

@@ -167,6 +167,110 @@ def test_an_arc_wholly_in_proven_water_still_gives_its_best_place(device, elevat
     assert got["quality"][at] != NONE
 
 
+# --- The interval that holds 95 % ---
+
+
+def ends(world, estimates, at, number):
+    """First and last hypothesis of an interval that no registration widens; it ends half-way to the next ones."""
+    part = 2 * world.half_elevation / number
+    edges = [(float(estimates[f"elevation_{end}"][at]) + world.half_elevation) / part for end in ("low", "high")]
+    np.testing.assert_allclose(edges, np.round(edges), atol=8 * EPSILON * number)
+    return round(edges[0]), round(edges[1]) - 1
+
+
+def likeliest(world, estimates, at, number):
+    return int(np.abs(reference.free_depth.arc(world, *at, number)[0] - estimates["elevation"][at]).argmin())
+
+
+@pytest.mark.parametrize("cone", [0, 1])
+@pytest.mark.parametrize("number", [1, 6, 64, 250])
+@pytest.mark.parametrize("sharpness", [0.5, 1.0, 4.0])
+def test_the_interval_grows_from_the_likeliest_place_until_it_holds_95_per_cent(device, sharpness, number, cone):
+    """Of the weights raised to the sharpness."""
+    world, cells = with_fields(everywhere(cone=cone, doubt=DOUBT | {"deviation": 0.3, "sharpness": sharpness}))
+    # Out of a box free depths jump, and places in error say little: here all arcs lie inside.
+    world = replace(world, origin=world.origin - np.float32(3.0), cell=0.4)
+    got = world.estimate_arcs(device, cells, number)
+    # Powers multiply the error of a weight, which is that of its place along three axes and of some operations.
+    slope = steepest(cells) * 4 / world.doubt["deviation"] + steepest(world.counts / 65536)
+    error = sharpness * (slope * 3 * LENGTH / world.cell + np.sqrt(number) * 4 * EPSILON)
+    sure = 0
+    for at in contacts(world):
+        density = reference.weights(world, *at, cells, number)[2] ** sharpness
+        first, last = ends(world, got, at, number)
+        best = likeliest(world, got, at, number)
+        assert 0 <= first <= best <= last < number
+        assert density[first : last + 1].sum() >= 0.95 * density.sum() * (1 - 2 * error)
+        # Where neighbours are as good as equal, or 95 % are met to rounding, either way is right.
+        allowed = {
+            reference.interval(density, best, 0.95 * (1 + slack), favour)
+            for slack in (-2 * error, 0.0, 2 * error)
+            for favour in (1 - 2 * error, 1.0, 1 + 2 * error)
+        }
+        if len(allowed) == 1:
+            assert (first, last) == allowed.pop()
+            sure += 1
+    assert sure > 0.5 * len(contacts(world))
+
+
+def test_the_sharper_the_weights_count_the_narrower_the_interval(device):
+    world, cells = with_fields(everywhere())
+    found = world.critical != UNDETECTED
+    width = []
+    for sharpness in (0.5, 1.0, 4.0, 10.0):
+        got = replace(world, doubt=DOUBT | {"sharpness": sharpness}).estimate_arcs(device, cells, 128)
+        width.append((got["elevation_high"] - got["elevation_low"])[found])
+    assert np.all(np.diff([each.mean() for each in width]) < 0.0)
+    # The likeliest place and the moments are of the weights themselves.
+    assert np.ptp(width[-1]) > 0.0
+
+
+@pytest.mark.parametrize("registration", [0.002, 0.05, 2.0])
+def test_registration_widens_the_interval_in_quadrature_about_the_likeliest_place(device, registration):
+    world, cells = with_fields(everywhere(doubt=DOUBT | {"sharpness": 4.0}))
+    sure = world.estimate_arcs(device, cells)
+    wide = replace(world, doubt=world.doubt | {"registration": registration}).estimate_arcs(device, cells)
+    for at in contacts(world):
+        assert wide["elevation"][at] == sure["elevation"][at]
+        for end in ("low", "high"):
+            alone, both = (each[f"elevation_{end}"][at] - sure["elevation"][at] for each in (sure, wide))
+            assert np.sign(both) == np.sign(alone)
+            want = np.hypot(alone, 1.959964 * registration)
+            assert abs(both) == pytest.approx(want, abs=8 * EPSILON * max(world.half_elevation, 2 * registration))
+
+
+@pytest.mark.parametrize("sharpness", [1.0, 4.0])
+@pytest.mark.parametrize("number", [1, 20, 64, 250])
+def test_where_nothing_is_known_the_interval_is_95_per_cent_of_the_arc(device, number, sharpness):
+    world = everywhere(doubt=DOUBT | {"sharpness": sharpness})
+    got = world.estimate_arcs(device, np.full(world.counts.shape, UNASKED, dtype=np.float32), number)
+    found = world.critical != UNDETECTED
+    low, high = got["elevation_low"][found], got["elevation_high"][found]
+    np.testing.assert_allclose(low, -0.3, rtol=8 * EPSILON)
+    # In whole hypotheses; of 20, whether 19 are 95 % is rounding's to say.
+    share = (high - low) / 0.6
+    assert np.all((share > 0.95 - 8 * EPSILON) & (share < 0.95 + 1 / number + 8 * EPSILON))
+
+
+@pytest.mark.parametrize("registration", [0.0, 0.01, 1.0])
+def test_where_one_place_is_certain_the_interval_is_its_part_of_the_arc_and_registration(device, registration):
+    """Four hypotheses further apart than an occupied ball is wide: the ball's own part of the arc is a quarter."""
+    world = everywhere(doubt=DOUBT | {"sharpness": 4.0, "registration": registration})
+    at, elevation = contacts(world)[3], 0.075
+    turned = direction(np.array([world.azimuth[at[1]]]), np.array([elevation]), False)
+    centre = world.world_points(at[0], turned, float(world.critical[at]))[0]
+    around = replace(world, origin=np.tile(centre.astype(np.float32), (2, 1)) - np.float32(0.06 * world.size))
+    owner = world.trajectory[at[0]]
+    away = np.linalg.norm(cell_centres(around.inputs("cpu")["grid"], owner) - centre, axis=-1)
+    counts = np.where(away < 0.12, 5 * 65536, -5 * 65536).astype(np.int32)
+    around = replace(around, counts=np.stack([counts, counts]))
+    got = around.estimate_arcs(device, np.full(counts.shape, world.reach, dtype=np.float32)[None].repeat(2, axis=0), 4)
+    assert got["elevation"][at] == pytest.approx(elevation, abs=4 * EPSILON)
+    half = np.hypot(0.075, 1.959964 * registration)
+    for end, side in (("low", -1), ("high", 1)):
+        assert got[f"elevation_{end}"][at] - elevation == pytest.approx(side * half, abs=16 * EPSILON)
+
+
 # --- Objects ---
 
 
@@ -210,7 +314,7 @@ def approach(along, length, top=0.6, height=1.8, tilt=0.6, half=0.12, late=0.0):
         size=size,
         reach=0.1,
         margin=0.004,
-        doubt={"proven": 0.0, "deviation": 0.015, "range_deviation": 0.01, "least_height": 0.06},
+        doubt=DOUBT | {"proven": 0.0, "deviation": 0.015, "range_deviation": 0.01, "least_height": 0.06},
         certain=0.026,
     )
 

@@ -2,20 +2,27 @@
 
 from dataclasses import replace
 
+import pytest
+
 from benchmarks.cases import CASES
 from benchmarks.log import measure_log
 from benchmarks.meshes import MESHES, markdown
 from benchmarks.run import measure
 from sonarwarp_scenes import Deployment
-from tests.small_runs import RIG, SETTINGS, run, scene
+from tests.small_runs import CARVED, RIG, SETTINGS, run, scene
 
 
 def deployment():
     return Deployment(name="small", scene=scene(), objects=(), trajectory=run(), frames_from=0.0)
 
 
-def test_a_row_says_case_device_versions_and_shares(device):
-    case = replace(CASES[0], name="small", deployment=deployment, rig=RIG, settings=SETTINGS, trajectories=2)
+@pytest.mark.parametrize(
+    ("settings", "hypotheses", "own"),
+    [(SETTINGS, 32, {"particles"}), (CARVED, 128, {"free depth", "arcs", "strays and sides", "faces"})],
+    ids=["paper", "carved"],
+)
+def test_a_row_says_case_device_versions_and_shares(device, settings, hypotheses, own):
+    case = replace(CASES[0], name="small", deployment=deployment, rig=RIG, settings=settings, trajectories=2)
     seen = []
     row = measure(case, device=device, seed=5, repeats=1, watch=seen.append)
     assert (row["case"], row["seed"], row["trajectories"]) == ("small", 5, 2)
@@ -23,9 +30,8 @@ def test_a_row_says_case_device_versions_and_shares(device):
     assert row["frames_per_second"] > 0
     assert row["peak_memory_mib"] > 0
     stages = row["stage_ms_per_frame"]
-    assert {"FLS cast and form", "PS cast and form", "FLS noise", "critical points", "field", "particles"} <= set(
-        stages
-    )
+    assert {"FLS cast and form", "PS cast and form", "FLS noise", "critical points", "field", *own} <= set(stages)
+    assert (row["method"], row["hypotheses"]) == (settings.method, hypotheses)
     assert {"warp", "numpy", "python"} <= set(row["versions"])
     assert row["device"]["alias"] == device
     assert seen

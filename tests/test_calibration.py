@@ -6,12 +6,12 @@ import pytest
 from sonarwarp.metrics.calibration import evaluate_calibration
 
 
-def test_a_normal_posterior_covers_95_per_cent_and_a_narrow_one_less():
+def test_intervals_of_a_normal_posterior_cover_95_per_cent_and_narrow_ones_less():
     rng = np.random.default_rng(1)
     truth = rng.normal(0.0, 0.02, 40000)
     kind = np.where(np.arange(40000) % 2 == 0, "front", "top")
     deviation = np.where(kind == "front", 0.02, 0.005)
-    front, top = evaluate_calibration(np.zeros(40000), deviation, truth, kind)
+    front, top = evaluate_calibration(-1.96 * deviation, 1.96 * deviation, deviation, truth, kind)
     assert (front.kind, top.kind) == ("front", "top")
     # Four standard errors of a share of 0.95 over 20,000 points.
     assert front.coverage == pytest.approx(0.95, abs=4 * np.sqrt(0.95 * 0.05 / 20000))
@@ -19,12 +19,38 @@ def test_a_normal_posterior_covers_95_per_cent_and_a_narrow_one_less():
     assert (front.sharpness, top.sharpness) == (0.02, 0.005)
 
 
+@pytest.mark.parametrize(
+    ("low", "high", "covered"),
+    [
+        (-1.0, 2.0, True),
+        (0.5, 2.0, True),
+        (-1.0, 0.5, True),
+        (0.5, 0.5, True),
+        (0.6, 2.0, False),
+        (-1.0, 0.4, False),
+        (2.0, -1.0, False),
+    ],
+    ids=["inside", "lower end", "upper end", "no width", "below", "above", "ends swapped"],
+)
+def test_a_truth_is_covered_from_one_end_of_its_own_interval_to_the_other(low, high, covered):
+    """Whatever the deviation: intervals need not be symmetric."""
+    for deviation in (1e-6, 10.0):
+        values = [np.array([value]) for value in (low, high, deviation, 0.5)]
+        (row,) = evaluate_calibration(*values, np.array(["front"]))
+        assert row.coverage == float(covered)
+        assert row.sharpness == deviation
+
+
 def test_points_without_a_truth_do_not_count():
-    rows = evaluate_calibration(np.zeros(3), np.ones(3), np.array([0.0, np.nan, 5.0]), np.array(["a", "a", "a"]))
-    assert (rows[0].points, rows[0].coverage) == (2, 0.5)
-    assert evaluate_calibration(np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0, dtype=str)) == []
+    truth = np.array([0.0, np.nan, 5.0])
+    rows = evaluate_calibration(-np.ones(3), np.ones(3), np.array([1.0, 100.0, 3.0]), truth, np.array(["a", "a", "a"]))
+    assert (rows[0].points, rows[0].coverage, rows[0].sharpness) == (2, 0.5, 2.0)
+    assert evaluate_calibration(*[np.zeros(0)] * 4, np.zeros(0, dtype=str)) == []
 
 
-def test_shapes_must_agree():
-    with pytest.raises(ValueError, match=r"truth: expected shape \(3,\), got \(2,\)"):
-        evaluate_calibration(np.zeros(3), np.zeros(3), np.zeros(2), np.zeros(3, dtype=str))
+@pytest.mark.parametrize("name", ["high", "deviation", "truth", "kind"])
+def test_shapes_must_agree(name):
+    given = {each: np.zeros(3) for each in ("low", "high", "deviation", "truth")} | {"kind": np.zeros(3, dtype=str)}
+    given[name] = given[name][:2]
+    with pytest.raises(ValueError, match=rf"{name}: expected shape \(3,\), got \(2,\)"):
+        evaluate_calibration(**given)

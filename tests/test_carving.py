@@ -302,7 +302,8 @@ def test_clouds_say_what_they_know_of_every_point(alone):
     fused, single = alone[2].fused, alone[2].single
     common = {"source", "trajectory", "frame", "beam", "time", "range", "azimuth", "elevation"}
     covariance = {f"covariance_{axes}" for axes in ("xx", "yy", "zz", "xy", "xz", "yz")}
-    beliefs = {"elevation_mean", "elevation_deviation", "effective_size", "quality"}
+    angles = {f"elevation_{name}" for name in ("mean", "deviation", "low", "high")}
+    beliefs = angles | {"effective_size", "quality"}
     assert set(single.attributes) == common
     assert set(fused.attributes) == common | covariance | beliefs
     for cloud in (fused, single):
@@ -315,15 +316,17 @@ def test_clouds_say_what_they_know_of_every_point(alone):
     assert np.all(fused.attributes["quality"] > 0)
     assert np.all(fused.attributes["effective_size"] <= CARVED.free_space.hypotheses * (1 + 1e-5))
     assert np.all(fused.attributes["elevation_deviation"] > 0)
+    for end, side in (("low", -1), ("high", 1)):
+        assert np.all(side * (fused.attributes[f"elevation_{end}"] - fused.attributes["elevation"]) > 0)
 
 
 # --- Points of a face ---
 
 
-def survey_of_one_ping(roll):
-    """A head at 2 m that looks ahead and 20 degrees down, lying on its side."""
+def survey_of_one_ping(roll, tilt=20.0):
+    """A head at 2 m that looks ahead and ``tilt`` degrees down, turned about its axis by ``roll`` degrees."""
     survey = sw.plan_survey(RIG, [run(length=0.1)])
-    turn = (Rotation.from_euler("y", 20.0, degrees=True) * Rotation.from_euler("x", roll, degrees=True)).as_quat()
+    turn = (Rotation.from_euler("y", tilt, degrees=True) * Rotation.from_euler("x", roll, degrees=True)).as_quat()
     ping = rows(survey.pings, slice(0, 1))
     pose = np.array([[0.0, 0.0, 2.0, *turn]])
     return replace(survey, pings=replace(ping, pose=pose, head_angle=np.zeros(1)))
@@ -385,3 +388,38 @@ def test_a_face_is_uncertain_across_itself_and_as_large_as_its_strip():
         np.testing.assert_allclose(variance[name], 0.05**2 / 12, rtol=1e-5)
     for name in ("xy", "xz", "yz"):
         np.testing.assert_allclose(variance[name], 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("roll", [90.0, -90.0, 0.0])
+@pytest.mark.parametrize("off", [0.0, 1e-9])
+def test_under_a_head_that_looks_straight_down_a_face_may_look_any_way(roll, off):
+    """Exactly or but for rounding: uncertain across by the face's deviation in every level direction."""
+    cloud = face_cloud(survey_of_one_ping(roll, tilt=90.0 + off), fronts_of(-0.1, 0.1), 0.05)
+    assert len(cloud) == 5
+    assert all(np.isfinite(values).all() for values in cloud.attributes.values())
+    variance = {name: cloud.attributes[f"covariance_{name}"] for name in ("xx", "yy", "zz", "xy", "xz", "yz")}
+    for name in ("xx", "yy"):
+        np.testing.assert_allclose(variance[name], 0.02**2, rtol=1e-5)
+    np.testing.assert_allclose(variance["zz"], 0.05**2 / 12, rtol=1e-5)
+    for name in ("xy", "xz", "yz"):
+        assert np.all(variance[name] == 0.0)
+
+
+@pytest.mark.parametrize(("roll", "side"), [(0.0, 1.0), (180.0, -1.0)], ids=["upright", "upside down"])
+def test_angles_of_a_head_that_does_not_lie_on_its_side_are_those_of_its_own_scan_plane(roll, side):
+    """Level, that plane has no up: positive towards the head's y axis, left of an upright one."""
+    cloud = face_cloud(survey_of_one_ping(roll), fronts_of(-0.2, 0.2), 0.1)
+    ahead = np.array([np.cos(np.radians(20.0)), 0.0, -np.sin(np.radians(20.0))])
+    angle = np.arctan2(cloud.points[:, 1], (cloud.points - [0.0, 0.0, 2.0]) @ ahead)
+    assert np.all(angle > 0.03)
+    np.testing.assert_allclose(cloud.attributes["elevation"], side * angle, rtol=1e-5)
+    np.testing.assert_allclose(cloud.attributes["elevation_mean"], side * angle, rtol=1e-5)
+
+
+def test_a_face_holds_its_elevation_to_95_per_cent_of_its_deviation():
+    cloud = face_cloud(survey_of_one_ping(90.0), fronts_of(-0.2, 0.2), 0.1)
+    angle = 0.02 / cloud.attributes["range"]
+    np.testing.assert_allclose(cloud.attributes["elevation_deviation"], angle, rtol=1e-5)
+    for end, side in (("low", -1.0), ("high", 1.0)):
+        away = cloud.attributes[f"elevation_{end}"] - cloud.attributes["elevation"]
+        np.testing.assert_allclose(away, side * 1.959964 * angle, rtol=1e-4)

@@ -125,6 +125,17 @@ def test_moments_are_those_of_the_weighted_particles(device, number, cone):
         assert got["effective_size"][at] == pytest.approx(size, rel=terms)
 
 
+@pytest.mark.parametrize("cone", [0, 1])
+def test_the_interval_of_elevation_is_normal_about_the_mean(device, cone):
+    """As the paper's method knows no other shape: 1.96 deviations on either side."""
+    world = ArcWorld.random(cone=cone)
+    got = world.estimate(device, number=128)
+    for end, side in (("low", -1.0), ("high", 1.0)):
+        want = got["elevation_mean"] + side * 1.959964 * got["elevation_deviation"].astype(np.float64)
+        np.testing.assert_allclose(got[f"elevation_{end}"], want, atol=2 * EPSILON * 0.5)
+    assert np.all(got["elevation_high"] > got["elevation_low"])
+
+
 def test_one_particle_is_its_own_mean_and_spreads_nowhere(device):
     world = ArcWorld.random()
     distance, elevation, _ = world.sample(device, number=1)

@@ -9,7 +9,7 @@ import sonarwarp as sw
 from sonarwarp.metrics import ObjectTruth, SonarView, evaluate, sample_surface, seen_samples, visible_samples
 from sonarwarp.truth import first_contacts
 from sonarwarp_scenes import BRICK
-from tests.small_runs import RIG, SETTINGS, run, scene
+from tests.small_runs import CARVED, RIG, SETTINGS, run, scene
 
 TRUTH = ObjectTruth(
     name="brick",
@@ -34,7 +34,14 @@ def known_fixture(device):
     seen = visible_samples(
         world.vertices, world.faces, samples, SonarView.of(RIG.fls), [log.survey.frames.pose], device=device
     )[0]
-    return {"clouds": clouds, "survey": log.survey, "contacts": contacts, "scene": world, "seen": samples[seen]}
+    return {
+        "log": log,
+        "clouds": clouds,
+        "survey": log.survey,
+        "contacts": contacts,
+        "scene": world,
+        "seen": samples[seen],
+    }
 
 
 def test_one_call_gives_sections_distances_and_calibration(known, device):
@@ -57,21 +64,41 @@ def test_one_call_gives_sections_distances_and_calibration(known, device):
 
 
 def test_the_true_elevation_is_that_of_the_points_own_beam_and_frame(known, device):
-    """A posterior that is the truth itself covers always; shifted by five deviations, never."""
+    """An interval around the truth itself covers always; one beside it, on either side, never."""
     cloud, survey, contacts = known["clouds"].fused, known["survey"], known["contacts"]
     rows = {int(number): row for row, number in enumerate(survey.frames.number)}
     place = ([rows[int(number)] for number in cloud.attributes["frame"]], cloud.attributes["beam"])
-    for shift, coverage in ((0.0, 1.0), (0.05, 0.0)):
+    truth = contacts.elevation[place]
+    for low, high, coverage in ((-0.001, 0.03, 1.0), (0.001, 0.03, 0.0), (-0.03, -0.001, 0.0)):
         perfect = sw.PointCloud(
             points=cloud.points,
             attributes=cloud.attributes
             | {
-                "elevation_mean": contacts.elevation[place] + shift,
+                "elevation_low": truth + low,
+                "elevation_high": truth + high,
                 "elevation_deviation": np.full(len(cloud), 0.01),
             },
         )
         found = evaluate(perfect, scene=known["scene"], survey=survey, contacts=contacts, device=device)
         assert {row.coverage for row in found.calibration} == {coverage}
+
+
+def test_faces_of_the_profiling_sonar_do_not_count(known, device):
+    """Their ``frame`` is a ping and their ``beam`` a strip: neither need exist among frames and beams."""
+    options = {name: known[name] for name in ("scene", "survey", "contacts")} | {"device": device}
+    contacts = sw.reconstruct(known["log"], settings=CARVED, device=device).fused
+    contacts = contacts.select(contacts.attributes["source"] == 0)
+    assert len(contacts) > 50
+    beyond = {
+        "source": np.ones_like(contacts.attributes["source"]),
+        "frame": contacts.attributes["frame"] + len(known["survey"].frames),
+        "beam": contacts.attributes["beam"] + RIG.fls.beams,
+    }
+    faces = sw.PointCloud(points=contacts.points, attributes=contacts.attributes | beyond)
+    want = evaluate(contacts, **options).calibration
+    assert sum(row.points for row in want) > 0
+    assert evaluate(sw.PointCloud.join(contacts, faces), **options).calibration == want
+    assert evaluate(faces, **options).calibration == []
 
 
 def first_frames(survey, frames, pings):

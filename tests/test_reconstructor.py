@@ -205,9 +205,8 @@ def test_clouds_say_what_they_know(alone):
     common = {"source", "trajectory", "frame", "beam", "time", "range", "azimuth", "elevation"}
     covariance = {f"covariance_{axes}" for axes in ("xx", "yy", "zz", "xy", "xz", "yz")}
     assert set(single.attributes) == common
-    assert set(fused.attributes) == common | covariance | {
-        *("elevation_mean", "elevation_deviation", "effective_size", "quality")
-    }
+    angles = {f"elevation_{name}" for name in ("mean", "deviation", "low", "high")}
+    assert set(fused.attributes) == common | covariance | angles | {"effective_size", "quality"}
     for axis in "xyz":
         assert (fused.attributes[f"covariance_{axis}{axis}"] >= 0).all()
     for cloud in (fused, single):

@@ -4,7 +4,7 @@ import random
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -169,6 +169,9 @@ SOUND = {
 
 @FUZZ
 @given(kind=st.sampled_from(["csv", "tum"]), seed=st.integers(0, 2**32), noise=st.none() | st.binary(max_size=80))
+@example(kind="csv", seed=0, noise=b"t,x\x1cy\n")
+@example(kind="csv", seed=0, noise="t,x\x85y\n".encode())
+@example(kind="csv", seed=0, noise="t,x\u2028y\n".encode())
 def test_a_mutated_file_is_read_or_refused_in_one_line(tmp_path, kind, seed, noise):
     path = saved(tmp_path, mutated(SOUND[kind], seed) if noise is None else noise, f"run.{kind}")
     run, message = attempt(read_csv if kind == "csv" else read_tum, path)

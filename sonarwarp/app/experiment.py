@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, field
+from typing import Any, Literal
 
 import numpy as np
 import warp as wp
@@ -16,6 +16,7 @@ from sonarwarp.field_box import plan_grid
 from sonarwarp.schedule import EMPTY
 from sonarwarp.simulator import MEMORY
 from sonarwarp.survey import join_surveys
+from sonarwarp_kernels.critical import NO_DETECTION
 from sonarwarp_scenes import Deployment, Scene
 
 FIELD_MEMORY = 1 << 30
@@ -47,6 +48,9 @@ class Experiment:
 
     seed: int
     """Of noise, motion, navigation errors and particles."""
+
+    settings: sw.ReconstructionSettings = field(default_factory=sw.ReconstructionSettings)
+    """What the reconstruction is told."""
 
     body: Scene | None = None
     """The mesh alone, where it lies, in deployments without known objects."""
@@ -97,7 +101,7 @@ class Engines:
     """Simulator and reconstructor of a batch of experiments, stepped together; each is a trajectory named by its seed.
 
     Args:
-        experiments: of one rig and one kind of noise.
+        experiments: of one rig, one kind of noise and the same settings.
         device: Warp device.
 
     Raises:
@@ -107,12 +111,11 @@ class Engines:
     def __init__(self, experiments: Sequence[Experiment], device: str) -> None:
         first = experiments[0]
         for other in experiments:
-            if other.rig != first.rig or other.noise != first.noise:
-                raise ValueError(f"experiments: {other.title} has another rig or noise than {first.title}")
+            if (other.rig, other.noise, other.settings) != (first.rig, first.noise, first.settings):
+                raise ValueError(f"experiments: {other.title} has another rig or noise or settings than {first.title}")
         self.experiments = experiments
-        noise = sw.NO_NOISE if first.noise == "none" else sw.Noise()
-        self.simulator = sw.Simulator(first.rig, noise=noise, device=device)
-        self.reconstructor = sw.Reconstructor(first.rig, device=device)
+        self.simulator = sw.Simulator(first.rig, noise=_noise(first), device=device)
+        self.reconstructor = sw.Reconstructor(first.rig, settings=first.settings, device=device)
 
     def plan_schedule(self, survey: sw.Survey) -> sw.Schedule:
         """Rounds of a size that the simulator is content with."""
@@ -141,15 +144,22 @@ class Engines:
 
 def plan_surveys(experiment: Experiment) -> tuple[sw.Survey, sw.Survey]:
     """Frames and pings of an experiment, where they are and where navigation believes them."""
-    deployment, at_sea = experiment.deployment, experiment.noise == "field"
-    return sw.plan_disturbed(
-        experiment.rig,
-        [deployment.trajectory],
-        motion=sw.Motion() if at_sea else sw.NO_MOTION,
-        navigation=sw.Navigation() if at_sea else sw.EXACT_NAVIGATION,
-        seed=experiment.seed,
-        frames_from=deployment.frames_from,
-    )
+    return sw.plan_disturbed(experiment.rig, [experiment.deployment.trajectory], **_disturbances(experiment))
+
+
+def _disturbances(experiment: Experiment) -> dict[str, Any]:
+    """From when an experiment records, and what its run and its navigation suffer."""
+    at_sea = experiment.noise == "field"
+    return {
+        "motion": sw.Motion() if at_sea else sw.NO_MOTION,
+        "navigation": sw.Navigation() if at_sea else sw.EXACT_NAVIGATION,
+        "seed": experiment.seed,
+        "frames_from": experiment.deployment.frames_from,
+    }
+
+
+def _noise(experiment: Experiment) -> sw.Noise:
+    return sw.NO_NOISE if experiment.noise == "none" else sw.Noise()
 
 
 def runs_per_batch(experiment: Experiment, *, memory: int = FIELD_MEMORY) -> int:
@@ -160,7 +170,7 @@ def runs_per_batch(experiment: Experiment, *, memory: int = FIELD_MEMORY) -> int
         memory: bytes that all fields may take.
     """
     _, survey = plan_surveys(experiment)
-    grid = plan_grid(survey, sw.ReconstructionSettings().likelihood_field, wp.get_device("cpu"))
+    grid = plan_grid(survey, experiment.settings.likelihood_field, wp.get_device("cpu"))
     return max(memory // (4 * grid.nx * grid.ny * grid.nz), 1)
 
 
@@ -173,7 +183,7 @@ def run_batch(experiments: Sequence[Experiment], *, device: str, watch: Watch) -
     """Simulate and reconstruct experiments together, each to the bit as it would be alone.
 
     Args:
-        experiments: of one rig and one kind of noise, such as the seeds of one deployment.
+        experiments: of one rig, one kind of noise and the same settings, such as the seeds of one deployment.
         device: Warp device.
         watch: told of every round.
 
@@ -206,6 +216,39 @@ def run_batch(experiments: Sequence[Experiment], *, device: str, watch: Watch) -
         )
         for index, (experiment, (own_truth, own)) in enumerate(zip(experiments, surveys, strict=True))
     ]
+
+
+def record(experiment: Experiment, *, device: str) -> sw.SonarLog:
+    """Simulate an experiment with all its images kept, for reconstructions with several settings.
+
+    Noise is drawn otherwise than in :func:`run_batch`; motion and navigation errors are the same.
+    """
+    deployment = experiment.deployment
+    return sw.simulate(
+        *(experiment.rig, deployment.scene, deployment.trajectory),
+        noise=_noise(experiment),
+        device=device,
+        **_disturbances(experiment),
+    )
+
+
+def run_recorded(experiment: Experiment, log: sw.SonarLog, *, device: str) -> Run:
+    """Reconstruct what :func:`record` left, with the experiment's settings; its seconds are the reconstruction's."""
+    start = time.perf_counter()
+    clouds = sw.reconstruct(log, settings=experiment.settings, seed=experiment.seed, device=device)
+    seconds = time.perf_counter() - start
+    frames, found = log.survey.frames, clouds.single.attributes
+    critical_range = np.full((len(frames), experiment.rig.fls.beams), NO_DETECTION, dtype=np.float32)
+    critical_range[np.searchsorted(frames.number, found["frame"]), found["beam"]] = found["range"]
+    return Run(
+        experiment=experiment,
+        device=device,
+        survey=log.survey,
+        truth=log.survey if log.truth is None else log.truth,
+        clouds=clouds,
+        critical_range=critical_range,
+        seconds=seconds,
+    )
 
 
 def _alone(cloud: sw.PointCloud, trajectory: int) -> sw.PointCloud:

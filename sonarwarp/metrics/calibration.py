@@ -1,13 +1,10 @@
-"""Calibration of the elevation posterior: how often it covers the truth, and how sharp it is."""
+"""Calibration of the elevation posterior: how often its interval covers the truth, and how sharp it is."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-
-# Half width of a 95 % interval in standard deviations of a normal distribution.
-_NORMAL_95 = 1.959964
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,19 +18,20 @@ class CalibrationMetrics:
     """Points of the class whose truth is known."""
 
     coverage: float
-    """Share of points whose true elevation lies in mean +- 1.96 standard deviations."""
+    """Share of points whose true elevation lies in their interval; 0.95 where that is what it says it holds."""
 
     sharpness: float
     """Median standard deviation of elevation [rad]. Reporting the prior would always cover; this shows it."""
 
 
 def evaluate_calibration(
-    mean: np.ndarray, deviation: np.ndarray, truth: np.ndarray, kind: np.ndarray
+    low: np.ndarray, high: np.ndarray, deviation: np.ndarray, truth: np.ndarray, kind: np.ndarray
 ) -> list[CalibrationMetrics]:
     """Coverage and sharpness of each class of points, in the order of their names.
 
     Args:
-        mean: posterior mean of elevation [rad], shape [point].
+        low: lower end of each point's interval of elevation, itself inside [rad], shape [point].
+        high: its upper end, inside too [rad], shape [point].
         deviation: posterior standard deviation of elevation [rad], shape [point].
         truth: true elevation [rad], NaN where it is not known, shape [point].
         kind: name of each point's class, shape [point].
@@ -41,11 +39,11 @@ def evaluate_calibration(
     Raises:
         ValueError: arrays of different shapes.
     """
-    for name, values in (("deviation", deviation), ("truth", truth), ("kind", kind)):
-        if values.shape != mean.shape:
-            raise ValueError(f"{name}: expected shape {mean.shape}, got {values.shape}")
+    for name, values in (("high", high), ("deviation", deviation), ("truth", truth), ("kind", kind)):
+        if values.shape != low.shape:
+            raise ValueError(f"{name}: expected shape {low.shape}, got {values.shape}")
     known = np.isfinite(truth)
-    covered = np.abs(truth - mean) <= _NORMAL_95 * deviation
+    covered = (low <= truth) & (truth <= high)
     rows = []
     for name in np.unique(kind[known]):
         chosen = known & (kind == name)

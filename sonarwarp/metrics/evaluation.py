@@ -35,7 +35,7 @@ class Evaluation:
     """Distances to the scene, completeness and F-score."""
 
     calibration: Sequence[CalibrationMetrics] = ()
-    """Coverage and sharpness of elevation, by class of point: front, top, fallback."""
+    """Coverage and sharpness of the imaging sonar's elevations, by class of point: front, top, fallback."""
 
 
 def evaluate(
@@ -65,7 +65,8 @@ def evaluate(
         tolerance: distance within which a point or a sample counts as met [m].
         survey: frames that the cloud was made from; with ``contacts``.
         contacts: first contacts of those frames (``sonarwarp.truth.first_contacts``), for calibration; needs ``scene``
-            and a cloud with ``elevation_mean`` and ``elevation_deviation``.
+            and a cloud with ``elevation_low``, ``elevation_high`` and ``elevation_deviation``. Points of the profiling
+            sonar, whose elevations are measured, are left out of it.
         device: Warp device for distances.
 
     Raises:
@@ -92,17 +93,19 @@ def evaluate(
 def _calibration(
     cloud: PointCloud, survey: Survey, scene: Scene, contacts: FirstContacts
 ) -> Sequence[CalibrationMetrics]:
-    missing = {"elevation_mean", "elevation_deviation", "quality"} - set(cloud.attributes)
+    needed = {"source", "elevation_low", "elevation_high", "elevation_deviation", "quality"}
+    missing = needed - set(cloud.attributes)
     if missing:
         raise ValueError(f"cloud.attributes: no {sorted(missing)[0]}, a fused cloud is needed")
+    # Faces number pings and strips where contacts number frames and beams.
+    cloud = cloud.select(cloud.attributes["source"] == 0)
     place = (_frame_rows(cloud, survey), cloud.attributes["beam"])
     known = np.abs(contacts.range[place] - cloud.attributes["range"]) <= _SAME_CONTACT
     truth = np.where(known, contacts.elevation[place], np.nan)
     kind = np.where(_is_top(scene)[np.maximum(contacts.face[place], 0)], "top", "front")
     kind = np.where(cloud.attributes["quality"] == 1, "fallback", kind)
-    return evaluate_calibration(
-        cloud.attributes["elevation_mean"], cloud.attributes["elevation_deviation"], truth, kind
-    )
+    low, high, deviation = (cloud.attributes[f"elevation_{name}"] for name in ("low", "high", "deviation"))
+    return evaluate_calibration(low, high, deviation, truth, kind)
 
 
 def _frame_rows(cloud: PointCloud, survey: Survey) -> np.ndarray:

@@ -44,6 +44,19 @@ def moments(world, frame: int, beam: int, cells, number: int) -> dict[str, np.nd
     }
 
 
+def interval(density, likeliest: int, share: float = 0.95, favour: float = 1.0) -> tuple[int, int]:
+    """First and last place of the interval of highest density: the more likely neighbour joins until it holds enough.
+
+    Of neighbours alike the lower one joins, as it does where ``favour`` times its density is no less than the other's.
+    """
+    first = last = likeliest
+    while density[first : last + 1].sum() < share * density.sum() and last - first + 1 < len(density):
+        below = favour * density[first - 1] if first > 0 else -1.0
+        above = density[last + 1] if last + 1 < len(density) else -1.0
+        first, last = (first - 1, last) if below >= above else (first, last + 1)
+    return first, last
+
+
 def seabed_heights(world) -> np.ndarray:
     """How much higher a beam's lower edge is at the critical range than where it meets the seabed, shape as both."""
     lower = direction(world.azimuth, np.full(world.beams, -world.half_elevation), bool(world.cone))

@@ -1,0 +1,163 @@
+"""What each step of the improved method brings: ``python -m benchmarks.ablation``.
+
+Prints a table as Markdown: mean errors of slope, area and volume over seeds and objects, with field noise, of the
+paper's method, of the improved one, of the improved one without one of its steps, and of its steps put together one
+after the other. Every case and seed is simulated once, and all variants reconstruct the same images.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+import sonarwarp as sw
+from benchmarks.run import machine
+from benchmarks.tables import markdown, prepare, write_json
+from sonarwarp.app import rows
+from sonarwarp.app.experiment import record, run_recorded
+from sonarwarp.app.paper_cases import BRICK, PAIRS, Case
+from sonarwarp.app.paper_summary import Summary, summarise
+from sonarwarp.app.progress import Watch, show_progress
+
+
+@dataclass(frozen=True, kw_only=True)
+class Step:
+    """A step of the improved method, and how it is left out."""
+
+    title: str
+    """Name in the table."""
+    free_space: Mapping[str, float] = field(default_factory=dict)
+    """Fields of ``FreeSpace`` that leave it out."""
+    faces: Mapping[str, float] = field(default_factory=dict)
+    """Fields of ``Faces`` that leave it out."""
+
+
+STEPS = (
+    # No free depth tells anything, and all places on an arc weigh the same: a wide deviation would leave differences
+    # that still choose the likeliest.
+    Step(title="free depth", free_space={"proven": 10.0}),
+    Step(title="height guard", free_space={"least_height": 0.0}),
+    Step(title="sides", free_space={"side_share": 0.0}),
+    Step(title="strays", free_space={"stray_points": 0, "stray_share": 0.0}),
+    Step(title="faces", faces={"compact": 0.0}),
+)
+"""In the order in which the method takes them."""
+
+
+def without(steps: Iterable[Step]) -> sw.ReconstructionSettings:
+    """The improved method's settings, but for some steps."""
+    settings = sw.ReconstructionSettings()
+    for step in steps:
+        settings = replace(
+            settings,
+            free_space=replace(settings.free_space, **step.free_space),
+            faces=replace(settings.faces, **step.faces),
+        )
+    return settings
+
+
+@dataclass(frozen=True, kw_only=True)
+class Variant:
+    """A row of the table."""
+
+    title: str
+    """Name in the table."""
+    settings: sw.ReconstructionSettings
+    """What the reconstruction is told."""
+
+
+VARIANTS = (
+    Variant(title="paper, as printed", settings=sw.ReconstructionSettings(method="paper", causal=True)),
+    Variant(title="paper, offline", settings=sw.ReconstructionSettings(method="paper")),
+    Variant(title="profiling sonar's field alone", settings=without(STEPS)),
+    # The last but one of these is the method without its last step, the last one is the method.
+    *(Variant(title=f"+ {step.title}", settings=without(STEPS[place:])) for place, step in enumerate(STEPS[:-1], 1)),
+    Variant(title=f"+ {STEPS[-1].title}: the whole method", settings=without(())),
+    *(Variant(title=f"whole method - {step.title}", settings=without([step])) for step in STEPS[:-1]),
+)
+"""The paper's method, the improved one step by step, and the improved one less one step.
+
+Less the last step is the row before the whole method.
+"""
+
+CASES = (BRICK, *(case for case in PAIRS if case.arrangement == "misaligned" and case.object in ("60", "90")))
+"""What is reconstructed."""
+
+FIGURES = {"slope_error": "slope", "area_error": "area", "volume_error": "volume"}
+"""Keys of rows, and what they are called in the table."""
+
+
+def main(
+    seeds: Annotated[int, typer.Option(min=1, max=10_000, help="Runs of each case.")] = 3,
+    json_file: Annotated[Path | None, typer.Option("--json", help="File for the rows of all runs.")] = None,
+    device: Annotated[str, typer.Option(help="Warp device, such as cpu or cuda:0.")] = "cpu",
+) -> None:
+    """Print what each step of the improved method brings as a Markdown table."""
+    place = prepare(json_file, device)
+    with show_progress() as watch:
+        measured = measure(CASES, VARIANTS, seeds=range(seeds), device=place, watch=watch)
+    write_json(json_file, [{**row, **machine(place)} for row in measured])
+    print(table(measured))
+
+
+def measure(
+    cases: Sequence[Case], variants: Sequence[Variant], *, seeds: Sequence[int], device: str, watch: Watch
+) -> list[dict[str, Any]]:
+    """Rows of the fused clouds, one per variant, object and seed.
+
+    Args:
+        cases: what to reconstruct, with field noise.
+        variants: how.
+        seeds: of the runs.
+        device: Warp device.
+        watch: told of every simulation and every reconstruction.
+    """
+    advance = watch("ablation", len(cases) * len(seeds) * (1 + len(variants)), "passes")
+    measured = []
+    for case in cases:
+        for seed in seeds:
+            experiment = case.experiment(seed, "field")
+            # A run's images take 200 to 300 MB: one run at a time.
+            log = record(experiment, device=device)
+            advance(1)
+            for variant in variants:
+                run = run_recorded(replace(experiment, settings=variant.settings), log, device=device)
+                found = rows.object_rows(run, rows.evaluate_objects(run))
+                measured += [{"variant": variant.title, **row} for row in found if row["method"] == "fused"]
+                advance(1)
+    return measured
+
+
+def table(measured: Sequence[Mapping[str, Any]]) -> str:
+    """Rows of :func:`measure` as a table, a variant a line."""
+    # Both objects of a pair count alike, and together.
+    pooled = [{**row, "which": None} for row in measured]
+    summaries = {
+        title: summarise([row for row in pooled if row["variant"] == title])
+        for title in dict.fromkeys(row["variant"] for row in pooled)
+    }
+    first = next(iter(summaries.values()))
+    headings = [f"{_name(summary)}: {word}" for summary in first for word in FIGURES.values()]
+    lines = [
+        [title, *(_cell(summary, key) for summary in cases for key in FIGURES)] for title, cases in summaries.items()
+    ]
+    return markdown(["Variant", *headings], lines)
+
+
+def _name(summary: Summary) -> str:
+    return summary.object if summary.deployment is None else f"pair {summary.object}°"
+
+
+def _cell(summary: Summary, key: str) -> str:
+    """Mean error, and how many have none."""
+    mean, missing = summary.mean(key), summary.missing(key)
+    lacking = f" ({missing} of {len(summary.figures[key])} none)" if missing else ""
+    return ("none" if mean is None else f"{mean:.1%}") + lacking
+
+
+if __name__ == "__main__":
+    typer.run(main)

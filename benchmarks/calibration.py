@@ -1,0 +1,175 @@
+"""How sure each point is, and rightly so: ``python -m benchmarks.calibration``.
+
+Prints a table as Markdown, of the imaging sonar's points in the paper's experiments with field noise, pooled: how often
+their 95 % interval of elevation holds the true one, and how sharp they are, by class (top, front, fallback).
+
+What a beam really met first is cast for with 3 x 512 rays in its true pose. Every tenth frame is enough, a second apart
+at the paper's 10 Hz: clouds are made of all frames, then cut to those.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+
+import sonarwarp as sw
+from benchmarks.run import machine
+from benchmarks.tables import markdown, prepare, write_json
+from sonarwarp.app.experiment import Run, run_batch, runs_per_batch
+from sonarwarp.app.paper_cases import BRICK, PAIRS, SLOPES, Case
+from sonarwarp.app.progress import Watch, show_progress
+from sonarwarp.metrics import evaluate
+from sonarwarp.survey import join_surveys
+from sonarwarp.truth import FirstContacts, first_contacts
+from sonarwarp_scenes import Scene
+
+CASES = (
+    BRICK,
+    *(case for case in PAIRS if case.arrangement == "misaligned"),
+    *(case for case in SLOPES if float(case.object) >= 45.0),
+)
+"""What is reconstructed."""
+
+EVERY = 10
+"""Frames from one whose first contacts are known to the next."""
+
+KINDS = ("top", "front", "fallback")
+"""Classes of points, in the order of the table."""
+
+# Named in rows where all experiments are drawn together.
+_ALL = "all"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Judged:
+    """Some frames of a run: what was made of them, and what they met."""
+
+    cloud: sw.PointCloud
+    """The imaging sonar's points."""
+    truth: sw.Survey
+    """Frames with their true poses."""
+    contacts: FirstContacts
+    """What their beams met first, shape [frame, beam]."""
+    scene: Scene
+    """Where."""
+
+
+def main(
+    seeds: Annotated[int, typer.Option(min=1, max=10_000, help="Runs of each experiment.")] = 1,
+    json_file: Annotated[Path | None, typer.Option("--json", help="File for the rows, by experiment too.")] = None,
+    device: Annotated[str, typer.Option(help="Warp device, such as cpu or cuda:0.")] = "cpu",
+) -> None:
+    """Print coverage and sharpness of elevations as a Markdown table."""
+    place = prepare(json_file, device)
+    with show_progress() as watch:
+        measured = measure(CASES, seeds=range(seeds), device=place, watch=watch)
+    write_json(json_file, [{**row, **machine(place)} for row in measured])
+    print(table(measured))
+
+
+def measure(cases: Sequence[Case], *, seeds: Sequence[int], device: str, watch: Watch) -> list[dict[str, Any]]:
+    """One row per case and class of point, all seeds pooled, then one per class over all cases.
+
+    Args:
+        cases: what to reconstruct, with field noise.
+        seeds: of the runs.
+        device: Warp device.
+        watch: told of the work's progress.
+    """
+    every, measured = [], []
+    for case in cases:
+        judged = [judge(run, watch) for run in _runs(case, seeds, device, watch)]
+        every += judged
+        names = {"experiment": case.name, "object": case.object, "deployment": case.arrangement}
+        measured += _rows(judged, names, len(seeds), device)
+    return measured + _rows(every, {"experiment": _ALL, "object": None, "deployment": None}, len(seeds), device)
+
+
+def _runs(case: Case, seeds: Sequence[int], device: str, watch: Watch) -> Iterator[Run]:
+    """All seeds' runs, as many at a time as memory allows."""
+    size = runs_per_batch(case.experiment(seeds[0], "field"))
+    for start in range(0, len(seeds), size):
+        batch = [case.experiment(seed, "field") for seed in seeds[start : start + size]]
+        yield from run_batch(batch, device=device, watch=watch)
+
+
+def judge(run: Run, watch: Watch) -> Judged:
+    """Cut a run to every tenth frame, and cast for what those really met."""
+    frames, scene = run.truth.frames, run.experiment.deployment.scene
+    kept = {column.name: getattr(frames, column.name)[::EVERY] for column in fields(frames)}
+    truth = replace(run.truth, frames=replace(frames, **kept))
+    advance = watch(f"{run.experiment.title}: what the beams met", 1, "")
+    contacts = first_contacts(truth, [scene], device=run.device)
+    advance(1)
+    cloud = run.clouds.fused
+    # The profiling sonar's points number pings where these number frames.
+    imaged = cloud.attributes["source"] == 0
+    return Judged(
+        cloud=cloud.select(imaged & np.isin(cloud.attributes["frame"], truth.frames.number)),
+        truth=truth,
+        contacts=contacts,
+        scene=scene,
+    )
+
+
+def _rows(judged: Sequence[Judged], names: dict[str, Any], seeds: int, device: str) -> list[dict[str, Any]]:
+    whole = join(judged)
+    found = evaluate(
+        whole.cloud, scene=whole.scene, survey=whole.truth, contacts=whole.contacts, device=device
+    ).calibration
+    return [
+        {
+            **names,
+            "noise": "field",
+            "seeds": seeds,
+            "kind": metrics.kind,
+            "points": metrics.points,
+            "coverage": metrics.coverage,
+            "sharpness_deg": math.degrees(metrics.sharpness),
+        }
+        for metrics in found
+    ]
+
+
+def join(judged: Sequence[Judged]) -> Judged:
+    """Several runs as one of several trajectories, each in a scene of its own that the others do not meet."""
+    clouds, contacts, faces = [], [], 0
+    for trajectory, part in enumerate(judged):
+        owner = np.full_like(part.cloud.attributes["trajectory"], trajectory)
+        clouds.append(
+            sw.PointCloud(points=part.cloud.points, attributes={**part.cloud.attributes, "trajectory": owner})
+        )
+        face = part.contacts.face
+        contacts.append(replace(part.contacts, face=np.where(face < 0, face, face + faces)))
+        faces += len(part.scene.faces)
+    return Judged(
+        cloud=sw.PointCloud.join(*clouds),
+        truth=join_surveys([part.truth for part in judged]),
+        contacts=FirstContacts(
+            **{
+                column.name: np.concatenate([getattr(part, column.name) for part in contacts])
+                for column in fields(FirstContacts)
+            }
+        ),
+        scene=Scene.join(*(part.scene for part in judged)),
+    )
+
+
+def table(measured: Sequence[dict[str, Any]]) -> str:
+    """Rows over all cases as a table, a class of points a line."""
+    pooled = {row["kind"]: row for row in measured if row["experiment"] == _ALL}
+    lines = [
+        (kind, str(row["points"]), f"{row['coverage']:.1%}", f"{row['sharpness_deg']:.2f}")
+        for kind, row in ((kind, pooled[kind]) for kind in KINDS if kind in pooled)
+    ]
+    return markdown(("Points", "Judged", "In the 95 % interval", "Median deviation [deg]"), lines)
+
+
+if __name__ == "__main__":
+    typer.run(main)
