@@ -137,11 +137,13 @@ def estimate_arcs_kernel(
         elevation = hypothesis(fan, number, hypotheses)
         weight = arc_weight(fan, grid, reading, model, contacts, log_odds, free_depth, frame, beam, elevation, least)
         if weight > best:
+            # Relative to the best, or powers of small weights would underflow.
+            sharp *= wp.pow(wp.max(best, 0.0) / weight, model.sharpness)
             best = weight
             likeliest = number
         away = world_point(pose, azimuth, elevation, critical, fan.cone) - centre
         total += weight
-        sharp += wp.pow(weight, model.sharpness)
+        sharp += wp.pow(weight / best, model.sharpness)
         squares += wp.float64(weight) * wp.float64(weight)
         shift += weight * away
         outer += weight * wp.outer(away, away)
@@ -155,7 +157,7 @@ def estimate_arcs_kernel(
     highest = likeliest
     below = float(0.0)
     above = float(0.0)
-    held = wp.pow(best, model.sharpness)
+    held = float(1.0)
     side = int(2)
     while held < INTERVAL * sharp and (lowest > 0 or highest < hypotheses - 1):
         if side != 1:
@@ -191,7 +193,7 @@ def estimate_arcs_kernel(
                     least,
                 )
         side = wp.where(below >= above, 0, 1)
-        held += wp.pow(wp.max(below, above), model.sharpness)
+        held += wp.pow(wp.max(below, above) / best, model.sharpness)
         lowest -= 1 - side
         highest += side
     likely = hypothesis(fan, likeliest, hypotheses)
@@ -246,9 +248,11 @@ def estimate_arcs(
         ValueError: an array of the wrong shape, type or device, a model or clamps out of bounds, or no hypotheses.
     """
     device = wp.get_device(device)
-    for name in ("reach", "deviation"):
+    for name in ("reach", "deviation", "sharpness"):
         if not getattr(model, name) > 0.0:
             raise ValueError(f"model.{name}: must be above 0, got {getattr(model, name)}")
+    if not model.registration >= 0.0:
+        raise ValueError(f"model.registration: must be at least 0, got {model.registration}")
     if hypotheses < 1:
         raise ValueError(f"hypotheses: {hypotheses}, must be at least 1")
     check_reading(reading)
