@@ -79,8 +79,8 @@ def show(rows: list[dict[str, Any]], formed: list[dict[str, Any]], logs: list[di
         device = row["device"]
         console.print(
             f"{row['frames']} frames of {row['beams']} x {row['bins']}, {row['pings']} pings, "
-            f"{row['method']}, {row['hypotheses']} places a beam; {device['name']}, {device['threads'] or 'no'} CPU threads, "
-            f"Warp {row['versions']['warp']}",
+            f"{row['method']}, {row['hypotheses']} places a beam; "
+            f"{device['name']}, {device['threads'] or 'no'} CPU threads, Warp {row['versions']['warp']}",
             style="dim",
         )
         stages = row["stage_ms_per_frame"]
