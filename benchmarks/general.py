@@ -1,7 +1,8 @@
 """Whether the defaults hold where nobody chose them: ``python -m benchmarks.general``.
 
 Prints a table as Markdown, of both methods' error rates over wedges, tilts, altitudes and speeds that the paper does
-not use, with field noise. Every object can be seen: its foot lies in the imaging sonar's window, its width in the swath.
+not use, with field noise. Every object can be seen: its foot lies in the imaging sonar's window, its width in the
+swath.
 """
 
 from __future__ import annotations
