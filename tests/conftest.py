@@ -1,6 +1,7 @@
 """Options and fixtures that every test shares, and the count of made-up inputs."""
 
 import functools
+import signal
 from collections.abc import Callable
 from typing import Any
 
@@ -24,6 +25,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    # Started in the background, a shell has Ctrl-C ignored, and so would every process that a test interrupts.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     wp.config.log_level = wp.LOG_WARNING
     wp.config.mode = config.getoption("--warp-mode")
     if wp.config.mode == "debug":
