@@ -173,13 +173,15 @@ def measure_free_depth_kernel(
                 cell = grid.origin[owner] + grid.cell * wp.vec3(float(ix) + 0.5, float(iy) + 0.5, float(iz) + 0.5)
                 kept = wp.vec2(-carving.reach, -carving.reach)
                 for place in range(first_frame[owner], first_frame[owner + 1]):
-                    if kept[1] < carving.reach:
-                        frame = order[place]
-                        pose = contacts.world_from_sensor[frame]
-                        turn = wp.transform_get_rotation(pose)
-                        point = wp.quat_rotate_inv(turn, cell - wp.transform_get_translation(pose))
-                        if point[0] > 0.0 and wp.abs(point[2]) <= rise * wp.length(point):
-                            kept = two_largest(kept, proven_depth(fan, carving, contacts, frame, point, low, high))
+                    # Water that two frames prove empty stays so.
+                    if kept[1] >= carving.reach:
+                        break
+                    frame = order[place]
+                    pose = contacts.world_from_sensor[frame]
+                    turn = wp.transform_get_rotation(pose)
+                    point = wp.quat_rotate_inv(turn, cell - wp.transform_get_translation(pose))
+                    if point[0] > 0.0 and wp.abs(point[2]) <= rise * wp.length(point):
+                        kept = two_largest(kept, proven_depth(fan, carving, contacts, frame, point, low, high))
                 free_depth_out[owner, ix, iy, iz] = wp.min(kept[1], carving.reach)
 
 
