@@ -10,7 +10,7 @@ at the paper's 10 Hz: clouds are made of all frames, then cut to those.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -21,7 +21,7 @@ import typer
 import sonarwarp as sw
 from benchmarks.run import machine
 from benchmarks.tables import markdown, prepare, write_json
-from sonarwarp.app.experiment import Run, run_batch, runs_per_batch
+from sonarwarp.app.experiment import Run, run_batch
 from sonarwarp.app.paper_cases import BRICK, PAIRS, SLOPES, Case
 from sonarwarp.app.progress import Watch, show_progress
 from sonarwarp.metrics import evaluate
@@ -84,19 +84,15 @@ def measure(cases: Sequence[Case], *, seeds: Sequence[int], device: str, watch: 
     """
     every, measured = [], []
     for case in cases:
-        judged = [judge(run, watch) for run in _runs(case, seeds, device, watch)]
+        judged = [
+            judge(run, watch)
+            for batch in case.batches(seeds, "field")
+            for run in run_batch(batch, device=device, watch=watch)
+        ]
         every += judged
         names = {"experiment": case.name, "object": case.object, "deployment": case.arrangement}
         measured += _rows(judged, names, len(seeds), device)
     return measured + _rows(every, {"experiment": _ALL, "object": None, "deployment": None}, len(seeds), device)
-
-
-def _runs(case: Case, seeds: Sequence[int], device: str, watch: Watch) -> Iterator[Run]:
-    """All seeds' runs, as many at a time as memory allows."""
-    size = runs_per_batch(case.experiment(seeds[0], "field"))
-    for start in range(0, len(seeds), size):
-        batch = [case.experiment(seed, "field") for seed in seeds[start : start + size]]
-        yield from run_batch(batch, device=device, watch=watch)
 
 
 def judge(run: Run, watch: Watch) -> Judged:

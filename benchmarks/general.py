@@ -18,7 +18,7 @@ import typer
 import sonarwarp as sw
 from benchmarks.run import machine
 from benchmarks.tables import markdown, prepare, write_json
-from sonarwarp.app.experiment import run_batch, runs_per_batch
+from sonarwarp.app.experiment import run_batch
 from sonarwarp.app.paper_cases import Case
 from sonarwarp.app.paper_summary import summarise
 from sonarwarp.app.progress import Watch, show_progress
@@ -92,9 +92,7 @@ def measure(cases: Sequence[Case], *, seeds: Sequence[int], device: str, watch: 
     """
     measured: list[dict[str, Any]] = []
     for case in cases:
-        size = runs_per_batch(case.experiment(seeds[0], "field"))
-        for start in range(0, len(seeds), size):
-            batch = [case.experiment(seed, "field") for seed in seeds[start : start + size]]
+        for batch in case.batches(seeds, "field"):
             for run in run_batch(batch, device=device, watch=watch):
                 measured += object_rows(run, evaluate_objects(run))
     return measured

@@ -49,9 +49,6 @@ _BELIEFS = (
     "quality",
 )
 
-# Half the interval that holds 95 % of a normal distribution, in standard deviations.
-_NORMAL_95 = 1.959964
-
 # What rounding leaves of a component that is zero, for poses of float32.
 _ROUNDING = 1e-6
 
@@ -156,8 +153,8 @@ def face_cloud(survey: Survey, fronts: Mapping[str, np.ndarray], spacing: float)
             "elevation": elevation.astype(np.float32),
             "elevation_mean": elevation.astype(np.float32),
             "elevation_deviation": (deviation / distance).astype(np.float32),
-            "elevation_low": (elevation - _NORMAL_95 * deviation / distance).astype(np.float32),
-            "elevation_high": (elevation + _NORMAL_95 * deviation / distance).astype(np.float32),
+            "elevation_low": (elevation - float(estimate.NORMAL_INTERVAL) * deviation / distance).astype(np.float32),
+            "elevation_high": (elevation + float(estimate.NORMAL_INTERVAL) * deviation / distance).astype(np.float32),
             "effective_size": np.ones(len(points), dtype=np.float32),
             "quality": np.full(len(points), int(estimate.QUALITY_INFORMED), dtype=np.int32),
             **_covariance(covariance),

@@ -14,17 +14,17 @@ import warp as wp
 
 from sonarwarp_kernels.critical import NO_DETECTION
 from sonarwarp_kernels.estimate import (
-    ESTIMATE_TYPES,
     NORMAL_INTERVAL,
     QUALITY_FALLBACK,
     QUALITY_INFORMED,
     QUALITY_NONE,
     Estimates,
+    check_estimates,
 )
 from sonarwarp_kernels.field import check_field, occupancy, read_log_odds
 from sonarwarp_kernels.free_depth import hypothesis, read_free_depth
 from sonarwarp_kernels.geometry import beam_direction
-from sonarwarp_kernels.launch import check_array, launch
+from sonarwarp_kernels.launch import launch
 from sonarwarp_kernels.particles import Contacts, Reading, check_contacts, check_reading, world_point
 from sonarwarp_kernels.specs import Fan, Grid
 
@@ -32,6 +32,9 @@ wp.set_module_options({"enable_backward": False})
 
 # A hypothesis in water that is surely empty keeps exp(-8) of its weight: where all are, the best of them still counts.
 MOST_DOUBT = wp.constant(8.0)
+
+# Weight beyond the ends of an arc: less than any.
+NO_PLACE = wp.constant(-1.0)
 
 # Mass of the interval of elevation.
 INTERVAL = wp.constant(0.95)
@@ -72,11 +75,15 @@ def arc_weight(
     free_depth: wp.array4d(dtype=float),
     frame: int,
     beam: int,
-    elevation: float,
+    number: int,
+    hypotheses: int,
     least: float,
 ) -> float:
-    """Weight of a place on a beam's arc."""
+    """Weight of one of the places on a beam's arc; ``NO_PLACE`` beyond its ends."""
+    if number < 0 or number >= hypotheses:
+        return NO_PLACE
     owner = contacts.trajectory[frame]
+    elevation = hypothesis(fan, number, hypotheses)
     critical = contacts.critical_range[frame, beam]
     point = world_point(contacts.world_from_sensor[frame], fan.azimuth[beam], elevation, critical, fan.cone)
     depth = read_free_depth(grid, free_depth, owner, point, model.reach)
@@ -135,7 +142,9 @@ def estimate_arcs_kernel(
     likeliest = int(0)
     for number in range(hypotheses):
         elevation = hypothesis(fan, number, hypotheses)
-        weight = arc_weight(fan, grid, reading, model, contacts, log_odds, free_depth, frame, beam, elevation, least)
+        weight = arc_weight(
+            fan, grid, reading, model, contacts, log_odds, free_depth, frame, beam, number, hypotheses, least
+        )
         if weight > best:
             # Relative to the best, or powers of small weights would underflow.
             sharp *= wp.pow(wp.max(best, 0.0) / weight, model.sharpness)
@@ -161,37 +170,15 @@ def estimate_arcs_kernel(
     side = int(2)
     while held < INTERVAL * sharp and (lowest > 0 or highest < hypotheses - 1):
         if side != 1:
-            below = float(-1.0)
-            if lowest > 0:
-                below = arc_weight(
-                    fan,
-                    grid,
-                    reading,
-                    model,
-                    contacts,
-                    log_odds,
-                    free_depth,
-                    frame,
-                    beam,
-                    hypothesis(fan, lowest - 1, hypotheses),
-                    least,
-                )
+            number = lowest - 1
+            below = arc_weight(
+                fan, grid, reading, model, contacts, log_odds, free_depth, frame, beam, number, hypotheses, least
+            )
         if side != 0:
-            above = float(-1.0)
-            if highest < hypotheses - 1:
-                above = arc_weight(
-                    fan,
-                    grid,
-                    reading,
-                    model,
-                    contacts,
-                    log_odds,
-                    free_depth,
-                    frame,
-                    beam,
-                    hypothesis(fan, highest + 1, hypotheses),
-                    least,
-                )
+            number = highest + 1
+            above = arc_weight(
+                fan, grid, reading, model, contacts, log_odds, free_depth, frame, beam, number, hypotheses, least
+            )
         side = wp.where(below >= above, 0, 1)
         held += wp.pow(wp.max(below, above) / best, model.sharpness)
         lowest -= 1 - side
@@ -260,8 +247,7 @@ def estimate_arcs(
     check_field(grid, "log_odds", log_odds, wp.int32, device)
     check_field(grid, "free_depth", free_depth, wp.float32, device)
     frames, beams = contacts.critical_range.shape
-    for name, dtype in ESTIMATE_TYPES.items():
-        check_array(f"estimates_out.{name}", getattr(estimates_out, name), (frames, beams), dtype, device)
+    check_estimates(estimates_out, (frames, beams), device)
     launch(
         estimate_arcs_kernel,
         (frames, beams),

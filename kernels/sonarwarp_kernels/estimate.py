@@ -59,6 +59,16 @@ ESTIMATE_TYPES = {
 """Element type of each array in :class:`Estimates`, for whoever allocates them."""
 
 
+def check_estimates(estimates: Estimates, shape: tuple[int, int], device: Any) -> None:
+    """Refuse estimates whose arrays are not all of ``shape`` [frame, beam].
+
+    Raises:
+        ValueError: an array of the wrong shape, type or device.
+    """
+    for name, dtype in ESTIMATE_TYPES.items():
+        check_array(f"estimates_out.{name}", getattr(estimates, name), shape, dtype, device)
+
+
 @wp.kernel
 def estimate_points_kernel(
     first: int,
@@ -158,9 +168,8 @@ def estimate_points(
     """
     device = wp.get_device(device)
     check_inputs(fan, grid, mixture, reading, contacts, slot_frame, log_odds, device)
-    frames, beams = contacts.critical_range.shape
-    for name, dtype in ESTIMATE_TYPES.items():
-        check_array(f"estimates_out.{name}", getattr(estimates_out, name), (frames, beams), dtype, device)
+    beams = contacts.critical_range.shape[1]
+    check_estimates(estimates_out, contacts.critical_range.shape, device)
     if particles < 1:
         raise ValueError(f"particles: {particles}, must be at least 1")
     launch(

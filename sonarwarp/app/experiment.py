@@ -20,7 +20,10 @@ from sonarwarp_kernels.critical import NO_DETECTION
 from sonarwarp_scenes import Deployment, Scene
 
 FIELD_MEMORY = 1 << 30
-"""Bytes of likelihood fields that a batch may take; 10 to 40 MB each in the paper's experiments."""
+"""Bytes of fields that a batch may take; 30 to 120 MB a run in the paper's experiments."""
+
+# Log-odds, free depth and the count of points.
+_BYTES_PER_CELL = 12
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -163,7 +166,7 @@ def _noise(experiment: Experiment) -> sw.Noise:
 
 
 def runs_per_batch(experiment: Experiment, *, memory: int = FIELD_MEMORY) -> int:
-    """How many runs like this one may share a batch, at least one: their likelihood fields live to its end.
+    """How many runs like this one may share a batch, at least one: their fields live to its end.
 
     Args:
         experiment: one of them.
@@ -171,7 +174,7 @@ def runs_per_batch(experiment: Experiment, *, memory: int = FIELD_MEMORY) -> int
     """
     _, survey = plan_surveys(experiment)
     grid = plan_grid(survey, experiment.settings.likelihood_field, wp.get_device("cpu"))
-    return max(memory // (4 * grid.nx * grid.ny * grid.nz), 1)
+    return max(memory // (_BYTES_PER_CELL * grid.nx * grid.ny * grid.nz), 1)
 
 
 def run_experiment(experiment: Experiment, *, device: str, watch: Watch) -> Run:

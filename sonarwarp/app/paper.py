@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
 import warp as wp
 
 from sonarwarp.app import paper_figures, rows
-from sonarwarp.app.experiment import Experiment, Run, plan_surveys, run_batch, runs_per_batch
+from sonarwarp.app.experiment import Run, plan_surveys, run_batch
 from sonarwarp.app.output import Report, prepare_folder, write_clouds, write_metrics
 from sonarwarp.app.paper_cases import Case
 from sonarwarp.app.progress import Watch
@@ -63,9 +63,7 @@ def run_paper(
     first_runs: dict[str, list[Run]] = {}
     seconds = 0.0
     for case in cases:
-        runs = [
-            run for batch in _batches(case, seeds, noise) for run in run_batch(batch, device=device, watch=all_along)
-        ]
+        runs = [run for batch in case.batches(seeds, noise) for run in run_batch(batch, device=device, watch=all_along)]
         all_rows += [row for run in runs for row in rows.object_rows(run, rows.evaluate_objects(run))]
         files += write_clouds(runs[0], out)
         first_runs.setdefault(case.name, []).append(runs[0])
@@ -89,13 +87,6 @@ def run_paper(
 def _frames(case: Case) -> int:
     """FLS frames of a run: the seed has no part in it."""
     return len(plan_surveys(case.experiment(0, "none"))[0].frames)
-
-
-def _batches(case: Case, seeds: Sequence[int], noise: Literal["none", "field"]) -> Iterator[list[Experiment]]:
-    """All seeds' runs, or as many at a time as memory allows."""
-    size = runs_per_batch(case.experiment(seeds[0], noise))
-    for start in range(0, len(seeds), size):
-        yield [case.experiment(seed, noise) for seed in seeds[start : start + size]]
 
 
 def _prepare_file(path: Path) -> None:

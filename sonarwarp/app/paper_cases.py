@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Literal
 
 import sonarwarp as sw
-from sonarwarp.app.experiment import Experiment
+from sonarwarp.app.experiment import Experiment, runs_per_batch
 from sonarwarp_scenes import (
     TABLE_1,
     TABLE_2,
@@ -53,6 +53,12 @@ class Case:
             noise=noise,
             seed=seed,
         )
+
+    def batches(self, seeds: Sequence[int], noise: Literal["none", "field"]) -> Iterator[list[Experiment]]:
+        """All seeds' runs, or as many at a time as memory allows."""
+        size = runs_per_batch(self.experiment(seeds[0], noise))
+        for start in range(0, len(seeds), size):
+            yield [self.experiment(seed, noise) for seed in seeds[start : start + size]]
 
 
 SLOPES = tuple(
