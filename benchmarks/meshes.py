@@ -1,7 +1,8 @@
 """Meshes half-buried in a rough seabed, through the command line: ``python -m benchmarks.meshes FOLDER``.
 
-Prints the table of the README as Markdown: each mesh is buried, simulated, reconstructed and evaluated by the commands
-that a person would type, each in a process of its own. ``--picture`` draws one mesh beside its clouds.
+Prints the tables of the README as Markdown, of all surface and of what is steeper than the slope limit: each mesh is
+buried, simulated, reconstructed and evaluated by the commands that a person would type, each in a process of its own.
+``--picture`` draws one mesh beside its clouds.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from rich.console import Console
 import sonarwarp as sw
 from sonarwarp.app import mesh_panels
 from sonarwarp.app.page import Page
+from sonarwarp.app.paper_printed import slope_limit_deg
 from sonarwarp.app.rows import METHODS
 from sonarwarp_scenes import Scene, read_scene
 
@@ -44,7 +46,10 @@ MESHES = (
     Mesh(title="shell, 1.4 m long", file="uxo.stl"),
 )
 
+_RIG = "paper simulation"
+
 _COLUMNS = (
+    ("Points", "counted", "d"),
     ("Mean [m]", "accuracy_mean", ".3f"),
     ("RMS [m]", "accuracy_rms", ".3f"),
     ("95 % [m]", "accuracy_p95", ".3f"),
@@ -52,6 +57,9 @@ _COLUMNS = (
     ("Completeness", "completeness", ".2f"),
     ("F-score", "f_score", ".2f"),
 )
+
+STEEP = f"{slope_limit_deg(sw.PRESETS[_RIG]):.1f}"
+"""Slope limit of the rig [degrees]: what is steeper the imaging sonar alone cannot show as it is."""
 
 # Inches: a panel's width and height, the page's heading, and what surrounds the panels.
 _PANEL = (4.3, 3.0)
@@ -72,34 +80,56 @@ def main(
     pictured: Annotated[str, typer.Option(help="File of the mesh in the picture.")] = MESHES[0].file,
     seed: Annotated[int, typer.Option(min=0, help="Of seabed, noise, motion, navigation and particles.")] = 0,
 ) -> None:
-    """Print accuracy and completeness of clouds of real meshes as a Markdown table."""
+    """Print accuracy and completeness of clouds of real meshes as Markdown tables."""
     if pictured not in [mesh.file for mesh in MESHES]:
         raise typer.BadParameter(f"{pictured!r} is none of the meshes", param_hint="--pictured")
     with tempfile.TemporaryDirectory() as scratch, Console(stderr=True).status("starting") as status:
-        rows = []
+        whole, steep = [], []
         for mesh in MESHES:
             status.update(mesh.title)
             place = (Path(scratch) if out is None else out) / Path(mesh.file).stem
-            rows += [{"title": mesh.title, **row} for row in run_mesh(mesh, folder, place, seed)]
+            clouds = run_mesh(mesh, folder, place, seed)
+            whole += judge(mesh, clouds)
+            steep += judge(mesh, clouds, "--steeper-than", STEEP)
             if picture is not None and mesh.file == pictured:
                 draw(mesh, place, picture)
-    print(markdown(rows))
+    print(markdown(whole), f"Steeper than {STEEP} degrees:", markdown(steep), sep="\n\n")
 
 
-def run_mesh(mesh: Mesh, folder: Path, place: Path, seed: int) -> list[dict[str, Any]]:
-    """Commands from a mesh file to figures; what they write lies in ``place``. One row per method."""
+@dataclass(frozen=True, kw_only=True)
+class Clouds:
+    """What the commands made of a mesh."""
+
+    scene: str
+    """The mesh on its seabed."""
+    part: str
+    """The mesh in it."""
+    log: str
+    """What the sonars recorded."""
+    folder: str
+    """Clouds of both methods."""
+
+
+def run_mesh(mesh: Mesh, folder: Path, place: Path, seed: int) -> Clouds:
+    """Commands from a mesh file to clouds; what they write lies in ``place``."""
     place.mkdir(parents=True, exist_ok=True)
     scene, rig, log, clouds = (str(place / name) for name in ("scene.usda", "rig.toml", "log", "clouds"))
     drawn = ("--seed", str(seed))
-    Path(rig).write_text(_sonarwarp("preset", "paper simulation"))
+    Path(rig).write_text(_sonarwarp("preset", _RIG))
     buried = ("bury", str(folder / mesh.file), "--scale", str(mesh.scale), "--rig", rig, "--out", scene)
     facts = json.loads(_sonarwarp(*buried, *drawn, "--json"))
     late = ("--frames-from", str(facts["frames_from"]))
     _sonarwarp("simulate", scene, "--rig", rig, "--out", log, "--overwrite", *late, *drawn)
     _sonarwarp("reconstruct", log, "--out", clouds, *drawn)
-    judged = ("--truth", scene, "--log", log, "--part", facts["part"], "--json")
+    return Clouds(scene=scene, part=facts["part"], log=log, folder=clouds)
+
+
+def judge(mesh: Mesh, clouds: Clouds, *options: str) -> list[dict[str, Any]]:
+    """Figures of a mesh's clouds, one row per method."""
+    judged = ("--truth", clouds.scene, "--log", clouds.log, "--part", clouds.part, *options, "--json")
     return [
-        {"method": method, **json.loads(_sonarwarp("evaluate", f"{clouds}/{method}.ply", *judged))}
+        {"title": mesh.title, "method": method}
+        | json.loads(_sonarwarp("evaluate", f"{clouds.folder}/{method}.ply", *judged))
         for method in METHODS
     ]
 
@@ -114,10 +144,10 @@ def _sonarwarp(*arguments: str) -> str:
 
 def markdown(rows: Sequence[dict[str, Any]]) -> str:
     """Rows as a table of the README."""
-    lines = [("Mesh", "Method", "Points", *(heading for heading, _, _ in _COLUMNS)), ("---",) * (3 + len(_COLUMNS))]
+    lines = [("Mesh", "Method", *(heading for heading, _, _ in _COLUMNS)), ("---",) * (2 + len(_COLUMNS))]
     for row in rows:
         figures = ("null" if row[key] is None else format(row[key], form) for _, key, form in _COLUMNS)
-        lines.append((row["title"], row["method"], str(row["points"]), *figures))
+        lines.append((row["title"], row["method"], *figures))
     return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
 
 

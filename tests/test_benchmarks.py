@@ -51,7 +51,7 @@ def test_a_log_is_written_whole_and_read_back(device):
 
 def test_the_table_of_meshes_says_null_where_there_is_no_figure():
     figures = {"accuracy_mean": 0.01, "accuracy_rms": 0.0236, "accuracy_p95": 0.05, "precision": 0.899}
-    row = {"title": MESHES[0].title, "method": "fused", "points": 12, **figures, "completeness": None, "f_score": 0.5}
+    row = {"title": MESHES[0].title, "method": "fused", "counted": 12, **figures, "completeness": None, "f_score": 0.5}
     heading, rule, line = markdown([row]).splitlines()
     assert heading.count("|") == rule.count("|") == line.count("|")
     assert line == "| ship, 3.5 m long | fused | 12 | 0.010 | 0.024 | 0.050 | 0.90 | null | 0.50 |"

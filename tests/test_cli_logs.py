@@ -116,6 +116,38 @@ def test_with_a_log_and_a_part_evaluate_asks_for_what_the_sonars_could_see_of_it
     assert found["brick"]["completeness"] > found["Seabed"]["completeness"]
 
 
+def test_steeper_than_asks_for_the_faces_that_a_single_sonar_cannot_show(folder):
+    """Of the brick, an upright box: its walls count and what lies on nothing, but neither its top nor the seabed."""
+    world, report = sonarwarp_scenes.read_scene(BRICK)
+    corners = world.vertices[world.faces[report.faces_of("brick")]].reshape(-1, 3)
+    (front, right, _), (_, _, top) = corners.min(axis=0), corners.max(axis=0)
+    across = right + np.linspace(0.05, 0.15, 4)
+    off = {"front": (front - 0.02, top - 0.1), "top": (front + 0.07, top + 0.01), "none": (front - 0.3, top)}
+    seabed = (front - 0.3, 0.01)
+    points = [(x, y, z) for x, z in (*off.values(), seabed) for y in across]
+    sw.PointCloud(points=np.array(points), attributes={}).write_ply(folder / "made.ply")
+    asked = ("evaluate", "made.ply", "--truth", str(BRICK), "--log", "log", "--part", "brick", "--json")
+    found = {}
+    for limit in ("0", "89.9"):
+        judged = sonarwarp(*asked, "--steeper-than", limit, folder=folder)
+        assert judged.returncode == 0, judged.stderr
+        found[limit] = json.loads(judged.stdout)
+    steep = found["89.9"]
+    assert (steep["steeper_than_deg"], steep["points"], steep["counted"]) == (89.9, 16, 8)
+    assert steep["accuracy_mean"] == pytest.approx((0.02 + 0.3) / 2, abs=1e-5)
+    assert steep["precision"] == 0.5
+    # Over no limit the level top is not asked for either: level is not steep.
+    assert found["0"] == steep | {"steeper_than_deg": 0.0}
+    a, b, c = (world.vertices[world.faces[:, corner]] for corner in range(3))
+    upright = np.abs(np.cross(b - a, c - a)[:, 2]) < 1e-9
+    truth = sw.open_log(folder / "log").truth
+    assert truth is not None
+    seen = seen_samples(world, truth, part=upright)
+    assert len(seen) > 100
+    near = np.linalg.norm(seen[:, None] - np.array(points), axis=2).min(axis=1) <= 0.05
+    assert steep["completeness"] == near.mean() > 0.0
+
+
 def test_completeness_is_judged_from_true_poses_where_the_log_holds_them(folder):
     """Navigation far above everything sees nothing, and is all that a recorded log has."""
     stored = sw.open_log(folder / "log").load()
@@ -129,6 +161,7 @@ def test_completeness_is_judged_from_true_poses_where_the_log_holds_them(folder)
             BRICK,
             log=folder / name,
             part="brick",
+            steeper_than_deg=None,
             scale=None,
             tolerance=0.05,
             device="cpu",
@@ -192,6 +225,14 @@ WRONG = {
     ),
     "a mesh to bury that is none": (["bury", "rig.toml", "--out", "new.usda"], "rig.toml"),
     "a scene of no known kind": (["bury", "box.stl", "--out", "new"], "must end in .usda"),
+    "steeper than upright": (
+        ["evaluate", "clouds/fused.ply", "--truth", str(BRICK), "--steeper-than", "91"],
+        "steeper_than_deg: 91 is outside [0, 90]",
+    ),
+    "steeper than anything": (
+        ["evaluate", "clouds/fused.ply", "--truth", str(BRICK), "--part", "Seabed", "--steeper-than", "50"],
+        "steeper_than_deg: 50, must be under the steepest face's 0.00",
+    ),
     "no tolerance": (["evaluate", "clouds/fused.ply", "--truth", str(BRICK), "--tolerance", "0"], "tolerance"),
 }
 

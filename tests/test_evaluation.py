@@ -6,9 +6,17 @@ import numpy as np
 import pytest
 
 import sonarwarp as sw
-from sonarwarp.metrics import ObjectTruth, SonarView, evaluate, sample_surface, seen_samples, visible_samples
+from sonarwarp.metrics import (
+    ObjectTruth,
+    SonarView,
+    evaluate,
+    face_inclination,
+    sample_surface,
+    seen_samples,
+    visible_samples,
+)
 from sonarwarp.truth import first_contacts
-from sonarwarp_scenes import BRICK
+from sonarwarp_scenes import BRICK, Scene
 from tests.small_runs import CARVED, RIG, SETTINGS, run, scene
 
 TRUTH = ObjectTruth(
@@ -129,6 +137,23 @@ def test_what_is_seen_is_what_either_sonar_sees_of_the_part(known, device):
 def test_a_log_without_frames_and_pings_sees_nothing(known, device):
     empty = first_frames(known["survey"], 0, 0)
     assert seen_samples(known["scene"], empty, count=10, device=device).shape == (0, 3)
+
+
+def triangle(*corners):
+    return Scene(vertices=np.array(corners, dtype=float), faces=np.array([[0, 1, 2]]), impedance=np.array([3e6]))
+
+
+@pytest.mark.parametrize("bearing_deg", [0.0, 37.0, 90.0, 200.0])
+@pytest.mark.parametrize("slope_deg", [0.0, 1e-3, 30.0, 49.6, 90.0])
+@pytest.mark.parametrize("turned", [False, True], ids=["facing up", "facing down"])
+def test_a_face_that_rises_by_a_slope_leans_by_it_wherever_it_faces(slope_deg, bearing_deg, turned):
+    """An overhang leans as much as the slope that it would be from below."""
+    slope, bearing = np.radians([slope_deg, bearing_deg])
+    uphill = np.array([np.cos(bearing) * np.cos(slope), np.sin(bearing) * np.cos(slope), np.sin(slope)])
+    along = np.array([-np.sin(bearing), np.cos(bearing), 0.0])
+    corners = [np.zeros(3), 0.3 * along, 2.0 * uphill - along]
+    found = face_inclination(triangle(*(corners[::-1] if turned else corners)))
+    assert np.degrees(found) == pytest.approx([slope_deg], abs=1e-6)
 
 
 def test_what_is_missing_is_named(known):

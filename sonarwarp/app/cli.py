@@ -180,6 +180,12 @@ def evaluate(
     part: Annotated[
         str | None, typer.Option(help="Mesh or prim of the scene to ask for; points that lie on the rest are left out.")
     ] = None,
+    steeper_than: Annotated[
+        float | None,
+        typer.Option(
+            help="Ask for surface that leans more than this from the horizontal only, as for a part [degrees]."
+        ),
+    ] = None,
     scale: _Scale = None,
     tolerance: Annotated[float, typer.Option(help="Distance within which a point lies on the surface [m].")] = 0.05,
     device: _Device = None,
@@ -191,7 +197,16 @@ def evaluate(
         from sonarwarp.app.machine import find_device
 
         chosen = find_device(device)
-        facts = evaluate_files(cloud, truth, log=log, part=part, scale=scale, tolerance=tolerance, device=chosen)
+        facts = evaluate_files(
+            cloud,
+            truth,
+            log=log,
+            part=part,
+            steeper_than_deg=steeper_than,
+            scale=scale,
+            tolerance=tolerance,
+            device=chosen,
+        )
         _print_facts(facts, as_json)
 
 

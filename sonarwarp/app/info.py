@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 from sonarwarp.app.machine import describe_devices, start_warp, versions
+from sonarwarp.app.paper_printed import slope_limit_deg
 from sonarwarp.sonar import PRESETS, Rig
 
 
@@ -25,6 +26,7 @@ def rig_figures(rig: Rig) -> dict[str, float]:
     fls, ps = rig.fls, rig.ps
     return {
         "tilt [°]": rig.fls_mount.tilt_deg,
+        "slope limit [°]": round(slope_limit_deg(rig), 3),
         "FLS beams": fls.beams,
         "FLS bins": fls.bins,
         "FLS azimuth [°]": round(math.degrees(fls.azimuth_edge[-1] - fls.azimuth_edge[0]), 3),

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 import sonarwarp as sw
 from sonarwarp.app.cloud_usd import sonar_tracks, write_cloud_usd
@@ -11,9 +14,10 @@ from sonarwarp.app.log_page import draw_log_pages
 from sonarwarp.app.output import prepare_folder
 from sonarwarp.app.progress import Watch
 from sonarwarp.app.rows import METHODS, SURFACE_FIGURES
+from sonarwarp.checks import in_range
 from sonarwarp.toml_settings import read_configuration, read_settings
 from sonarwarp.trajectory_files import read_trajectory as read_text_trajectory
-from sonarwarp_scenes import Trajectory, read_scene
+from sonarwarp_scenes import Scene, Trajectory, read_scene
 from sonarwarp_scenes import read_trajectory as read_stage_trajectory
 
 _STAGES = (".usd", ".usda", ".usdc", ".usdz")
@@ -140,6 +144,7 @@ def evaluate_files(
     *,
     log: Path | None,
     part: str | None,
+    steeper_than_deg: float | None,
     scale: float | None,
     tolerance: float,
     device: str,
@@ -153,12 +158,15 @@ def evaluate_files(
             those of its navigation. None: neither.
         part: of the scene that is asked for, as ``SceneReport.faces_of`` takes it: completeness is about the part, and
             points that lie on the rest are left out. None: the whole scene.
+        steeper_than_deg: inclination to the horizontal [degrees]; what leans less is not asked for, as if it were
+            another part. Over the slope limit (Eq. 4; ``sonarwarp info`` gives each preset's) lies what an FLS alone
+            cannot show. None: surface of any inclination.
         scale: as for :func:`simulate_files`.
         tolerance: distance within which a point lies on the surface, and a place of it is met [m].
         device: Warp device.
 
     Raises:
-        ValueError: a file that cannot be read, a cloud without points, no such part.
+        ValueError: a file that cannot be read, a cloud without points, no such part, nothing so steep.
     """
     from sonarwarp.metrics import evaluate, seen_samples
 
@@ -167,6 +175,8 @@ def evaluate_files(
         raise ValueError(f"{cloud}: no points, nothing to compare")
     world, report = read_scene(truth, scale=scale)
     faces = None if part is None else report.faces_of(part)
+    if steeper_than_deg is not None:
+        faces = _steep_faces(world, np.ones(len(world.faces), dtype=bool) if faces is None else faces, steeper_than_deg)
     seen = None
     if log is not None:
         stored = sw.open_log(log)
@@ -179,6 +189,24 @@ def evaluate_files(
         "truth": str(truth),
         "log": None if log is None else str(log),
         "part": part,
+        "steeper_than_deg": steeper_than_deg,
         "points": len(points),
         **{name: getattr(figures, name) for name in names},
     }
+
+
+def _steep_faces(scene: Scene, faces: np.ndarray, limit_deg: float) -> np.ndarray:
+    """Those of some faces that lean more than a limit from the horizontal [degrees], shape [face].
+
+    Raises:
+        ValueError: a limit outside [0, 90] or that no face exceeds.
+    """
+    from sonarwarp.metrics import face_inclination
+
+    in_range("steeper_than_deg", limit_deg, 0.0, 90.0)
+    inclination = face_inclination(scene)
+    steep = faces & (inclination > math.radians(limit_deg))
+    if not steep.any():
+        steepest = math.degrees(inclination[faces].max())
+        raise ValueError(f"steeper_than_deg: {limit_deg:g}, must be under the steepest face's {steepest:.2f}")
+    return steep

@@ -2,6 +2,7 @@
 
 from sonarwarp.metrics.calibration import CalibrationMetrics, evaluate_calibration
 from sonarwarp.metrics.evaluation import Evaluation, evaluate
+from sonarwarp.metrics.inclination import face_inclination
 from sonarwarp.metrics.section import ObjectTruth, SectionMetrics, evaluate_section
 from sonarwarp.metrics.seen import seen_samples
 from sonarwarp.metrics.surface import (
@@ -23,6 +24,7 @@ __all__ = [
     "evaluate_calibration",
     "evaluate_section",
     "evaluate_surface",
+    "face_inclination",
     "sample_surface",
     "seen_samples",
     "visible_samples",

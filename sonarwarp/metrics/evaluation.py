@@ -10,6 +10,7 @@ import numpy as np
 
 from sonarwarp.cloud import PointCloud
 from sonarwarp.metrics.calibration import CalibrationMetrics, evaluate_calibration
+from sonarwarp.metrics.inclination import face_inclination
 from sonarwarp.metrics.section import ObjectTruth, SectionMetrics, evaluate_section
 from sonarwarp.metrics.surface import SurfaceMetrics, evaluate_surface
 from sonarwarp.survey import Survey
@@ -102,7 +103,8 @@ def _calibration(
     place = (_frame_rows(cloud, survey), cloud.attributes["beam"])
     known = np.abs(contacts.range[place] - cloud.attributes["range"]) <= _SAME_CONTACT
     truth = np.where(known, contacts.elevation[place], np.nan)
-    kind = np.where(_is_top(scene)[np.maximum(contacts.face[place], 0)], "top", "front")
+    is_top = face_inclination(scene) <= _TOP_LEAN
+    kind = np.where(is_top[np.maximum(contacts.face[place], 0)], "top", "front")
     kind = np.where(cloud.attributes["quality"] == 1, "fallback", kind)
     low, high, deviation = (cloud.attributes[f"elevation_{name}"] for name in ("low", "high", "deviation"))
     return evaluate_calibration(low, high, deviation, truth, kind)
@@ -119,10 +121,3 @@ def _frame_rows(cloud: PointCloud, survey: Survey) -> np.ndarray:
     if len(wanted) and not np.array_equal(sorted_keys[found], wanted):
         raise ValueError("survey: does not hold every frame of the cloud")
     return order[found]
-
-
-def _is_top(scene: Scene) -> np.ndarray:
-    """Whether a face is about level, shape [face]."""
-    a, b, c = (scene.vertices[scene.faces[:, corner]] for corner in range(3))
-    normal = np.cross(b - a, c - a)
-    return np.abs(normal[:, 2]) >= math.cos(_TOP_LEAN) * np.linalg.norm(normal, axis=1)
