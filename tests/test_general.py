@@ -5,8 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from benchmarks.general import CASES, measure, table, wedge_case
+from benchmarks.general import CASES, measure, seen_case, table, wedge
 from sonarwarp.app.paper_cases import Case
+from sonarwarp_scenes import Frustum, LyingCylinder, Sphere, Wedge
 from tests.small_runs import RIG
 from tests.test_demo import watch
 from tests.test_paper import ALONE
@@ -22,7 +23,21 @@ def test_every_case_is_one_that_the_paper_does_not_have_and_that_can_be_seen(cas
     assert altitude / down <= rig.fls.range_edge[-1] - 0.1
     half_swath = math.sin(rig.fls.azimuth_edge[-1]) * (altitude - shape.height) / down
     assert half_swath >= 0.5 * shape.width + 0.03
-    assert (shape.front_slope_deg, rig.fls_mount.tilt_deg, altitude) not in {(90.0, 40.0, 3.5), (90.0, 30.0, 2.5)}
+    if isinstance(shape, Wedge):
+        place = (shape.front_slope_deg, rig.fls_mount.tilt_deg, altitude)
+        assert place not in {(90.0, 40.0, 3.5), (90.0, 30.0, 2.5)}
+
+
+def test_cases_spread_over_shapes_tilts_and_altitudes():
+    deployments = [case.deploy(roughness=None) for case in CASES]
+    shapes = [deployment.objects[0].shape for deployment in deployments]
+    assert {type(shape) for shape in shapes} == {Wedge, Frustum, Sphere, LyingCylinder}
+    for kind in (Wedge, Frustum, Sphere, LyingCylinder):
+        tilts = {case.rig.fls_mount.tilt_deg for case, shape in zip(CASES, shapes, strict=True) if type(shape) is kind}
+        assert len(tilts) >= 2, kind
+    altitudes = [deployment.trajectory.poses[0, 2] for deployment in deployments]
+    assert (min(altitudes), max(altitudes)) == (1.5, 4.0)
+    assert {case.rig.fls_mount.tilt_deg for case in CASES} >= {20.0, 30.0, 45.0}
 
 
 @pytest.mark.parametrize(
@@ -33,20 +48,22 @@ def test_every_case_is_one_that_the_paper_does_not_have_and_that_can_be_seen(cas
     ],
 )
 def test_what_cannot_be_seen_whole_is_refused(changed, message):
+    given = {"width": 0.5, "altitude": 2.5} | changed
     with pytest.raises(ValueError, match=message):
-        wedge_case(90.0, **({"height": 0.5, "width": 0.5, "tilt_deg": 40.0, "altitude": 2.5} | changed))
+        seen_case("box", wedge(90.0, height=0.5, width=given["width"]), tilt_deg=40.0, altitude=given["altitude"])
 
 
 def test_a_small_case_gives_rows_and_a_table_of_means(device):
     case = Case(name="general", object="brick", rig=RIG, deploy=ALONE)
     measured = measure([case], seeds=(3, 4), device=device, watch=watch)
     assert [(row["method"], row["seed"]) for row in measured] == [
-        ("single", 3),
-        ("fused", 3),
-        ("single", 4),
-        ("fused", 4),
+        (method, seed) for seed in (3, 4) for method in ("single", "fused", "seen")
     ]
     lines = table(measured).splitlines()
-    assert len(lines) == 4
+    assert len(lines) == 5
     area = np.mean([row["area_error"] for row in measured if row["method"] == "single"])
     assert lines[2].split(" | ")[3] == f"{area:.3f}"
+    # A brick hides nothing of its top and front.
+    seen = [row for row in measured if row["method"] == "seen"]
+    assert max(row["area_error"] for row in seen) < 0.01
+    assert max(row["slope_error"] for row in seen) < 0.01

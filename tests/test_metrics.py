@@ -426,6 +426,13 @@ def test_an_impossible_object_is_refused(field, value, message):
         dataclasses.replace(brick(), **{field: value})
 
 
+def test_an_object_without_a_straight_front_has_no_slope_error():
+    truth = dataclasses.replace(brick(), front_slope_deg=None)
+    with_slope, without = (evaluate(dense_cloud(brick()), each, BRICK_SPACING) for each in (brick(), truth))
+    assert without == dataclasses.replace(with_slope, slope_error=None)
+    assert without.slope_deg == pytest.approx(90.0, abs=0.5)
+
+
 SQUARE = (
     np.array([[0.0, -1.0, -1.0], [0.0, 1.0, -1.0], [0.0, 1.0, 1.0], [0.0, -1.0, 1.0]]),
     np.array([[0, 1, 2], [0, 2, 3]]),

@@ -28,8 +28,15 @@ def deploy(*objects):
 
     def over(roughness=None):
         ground = flat_seabed(EXTENT) if roughness is None else rough_seabed(EXTENT, roughness)
-        scene = Scene.join(ground, *(placed.scene(CONCRETE) for placed in objects))
-        return Deployment(name="small", scene=scene, objects=objects, trajectory=run(length=0.5), frames_from=0.0)
+        scenes = [placed.scene(CONCRETE) for placed in objects]
+        return Deployment(
+            name="small",
+            scene=Scene.join(ground, *scenes),
+            objects=objects,
+            bodies=tuple((placed.name, len(body.faces)) for placed, body in zip(objects, scenes, strict=True)),
+            trajectory=run(length=0.5),
+            frames_from=0.0,
+        )
 
     return over
 

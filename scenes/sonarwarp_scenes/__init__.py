@@ -6,15 +6,17 @@ from sonarwarp_scenes.deployments import (
     Deployment,
     brick_deployment,
     mesh_deployment,
+    object_deployment,
     pair_deployment,
     slope_deployment,
 )
 from sonarwarp_scenes.files import read_scene, scene_from_file
 from sonarwarp_scenes.materials import CONCRETE, MATERIALS, ROCK, SAND, STEEL, WATER, Material
 from sonarwarp_scenes.report import ImpedanceReport, PartReport, SceneReport
+from sonarwarp_scenes.round_shapes import Frustum, LyingCylinder, Sphere
 from sonarwarp_scenes.scene import Scene
 from sonarwarp_scenes.seabed import Extent, Roughness, flat_seabed, rough_seabed
-from sonarwarp_scenes.shapes import BRICK, FOOT, TABLE_1, TABLE_2, PlacedObject, Wedge
+from sonarwarp_scenes.shapes import BRICK, FOOT, TABLE_1, TABLE_2, PlacedObject, Shape, Wedge
 from sonarwarp_scenes.trajectories import Trajectory, straight_trajectory, waypoint_trajectory
 from sonarwarp_scenes.usd import read_stage
 from sonarwarp_scenes.usd_track import read_trajectory
@@ -34,14 +36,18 @@ __all__ = [
     "Conversion",
     "Deployment",
     "Extent",
+    "Frustum",
     "ImpedanceReport",
+    "LyingCylinder",
     "Material",
     "PartReport",
     "PlacedObject",
     "Roughness",
     "Scene",
     "SceneReport",
+    "Shape",
     "SonarOutline",
+    "Sphere",
     "Trajectory",
     "Wedge",
     "brick_deployment",
@@ -49,6 +55,7 @@ __all__ = [
     "exposed_bounds",
     "flat_seabed",
     "mesh_deployment",
+    "object_deployment",
     "pair_deployment",
     "read_scene",
     "read_stage",

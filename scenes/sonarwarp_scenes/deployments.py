@@ -17,7 +17,7 @@ from sonarwarp_scenes.checks import check_positive
 from sonarwarp_scenes.materials import CONCRETE
 from sonarwarp_scenes.scene import Scene
 from sonarwarp_scenes.seabed import Extent, Roughness, flat_seabed, rough_seabed
-from sonarwarp_scenes.shapes import BRICK, FOOT, PlacedObject, Wedge
+from sonarwarp_scenes.shapes import BRICK, FOOT, PlacedObject, Shape, Wedge
 from sonarwarp_scenes.trajectories import Trajectory, straight_trajectory
 
 # A run starts this far before the first front: a later start leaves the slow profiling sonar of the field test too few
@@ -140,6 +140,35 @@ def slope_deployment(
     name = f"slope_{shape.front_slope_deg:g}"
     wedge = PlacedObject(name="wedge", shape=shape, front_x=0.0, centre_y=0.0)
     return _object_deployment(name, (wedge,), roughness, altitude, speed, imaging_distance)
+
+
+def object_deployment(
+    shape: Shape,
+    *,
+    name: str = "object",
+    roughness: Roughness | None = _ROUGH,
+    altitude: float = 2.5,
+    speed: float = 0.1,
+    imaging_distance: float = 5.5,
+) -> Deployment:
+    """Any shape with closed forms, alone, its front at x = 0.
+
+    Args:
+        shape: the object.
+        name: name in results, of the deployment and of the object.
+        roughness: of the seabed; None is flat.
+        altitude: of the vehicle over the mean seabed [m].
+        speed: of the vehicle [m/s].
+        imaging_distance: from the vehicle to the front where the imaging sonar starts to record [m]; as for meshes.
+
+    Raises:
+        ValueError: a value that is not positive, an altitude at which the vehicle would run into the object, or a
+            seabed that dips to :data:`FOOT` under the base plane.
+    """
+    if not altitude > shape.height:
+        raise ValueError(f"altitude: {altitude} m, must be over the object's top at {shape.height:.3f} m")
+    placed = PlacedObject(name=name, shape=shape, front_x=0.0, centre_y=0.0)
+    return _object_deployment(name, (placed,), roughness, altitude, speed, imaging_distance)
 
 
 def pair_deployment(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -22,6 +23,55 @@ _FACES = np.array(
         [2, 6, 7], [2, 7, 3], [3, 7, 4], [3, 4, 0],  # top, front
     ]
 )  # fmt: skip
+
+
+class Shape(Protocol):
+    """What a shape tells of itself: sizes and closed forms over the base plane, lines to draw it by, and triangles."""
+
+    @property
+    def width(self) -> float:
+        """Extent along y [m]."""
+        ...
+
+    @property
+    def height(self) -> float:
+        """Height of the top over the base plane [m]."""
+        ...
+
+    @property
+    def depth(self) -> float:
+        """Extent along x over the base plane [m]."""
+        ...
+
+    @property
+    def front_slope_deg(self) -> float | None:
+        """Angle of the front against the horizontal [degrees]; None where the front of the central section is no
+        straight line."""
+        ...
+
+    @property
+    def sectional_area(self) -> float:
+        """Area of the central section over the base plane [m2]."""
+        ...
+
+    @property
+    def volume(self) -> float:
+        """Volume over the base plane [m3]."""
+        ...
+
+    def outline(self) -> np.ndarray:
+        """Corners of the central section, front foot to back foot: x from the front's foot and z [m], shape
+        [corner, 2]."""
+        ...
+
+    def edges(self) -> list[np.ndarray]:
+        """Lines to draw the shape by, in the frame of :meth:`scene` [m], shape [corner, 3] each."""
+        ...
+
+    def scene(self, impedance: float) -> Scene:
+        """Closed triangles with normals outwards, the front foot at x = 0, centred on y = 0, the base plane at z = 0;
+        ``impedance`` of every face [rayl]."""
+        ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,6 +122,17 @@ class Wedge:
         """Volume over the base plane [m3] (Table 2)."""
         return self.sectional_area * self.width
 
+    def outline(self) -> np.ndarray:
+        """Corners of the section, front foot to back foot: x from the front's foot and z [m], shape [4, 2]."""
+        run = self.height * self._run_per_height
+        return np.array([[0.0, 0.0], [run, self.height], [self.depth, self.height], [self.depth, 0.0]])
+
+    def edges(self) -> list[np.ndarray]:
+        """The twelve edges, in the frame of :meth:`scene` [m], shape [corner, 3] each: both sides, and between them."""
+        right, left = (np.insert(self.outline(), 1, y, axis=1) for y in (-0.5 * self.width, 0.5 * self.width))
+        across = [np.stack(corners) for corners in zip(right, left, strict=True)]
+        return [*(np.concatenate([side, side[:1]]) for side in (right, left)), *across]
+
     def scene(self, impedance: float) -> Scene:
         """Closed triangles with normals outwards, the front foot at x = 0, centred on y = 0, the base plane at z = 0.
 
@@ -103,7 +164,7 @@ class PlacedObject:
     name: str
     """Name in results."""
 
-    shape: Wedge
+    shape: Shape
     """The shape, which faces the vehicle's run (-x)."""
 
     front_x: float
@@ -118,7 +179,7 @@ class PlacedObject:
 
     @property
     def back_x(self) -> float:
-        """World x of the vertical back [m]."""
+        """World x of the back [m]."""
         return self.front_x + self.shape.depth
 
     def scene(self, impedance: float) -> Scene:

@@ -13,7 +13,7 @@ import numpy as np
 from sonarwarp.app.snapshot import Snapshot
 from sonarwarp.poses import rotate
 from sonarwarp.sonar import FLS
-from sonarwarp_scenes import PlacedObject, Wedge
+from sonarwarp_scenes import PlacedObject
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -143,7 +143,7 @@ def draw_field(axes: Axes, snapshot: Snapshot, y: float) -> ScalarMappable:
 
 def draw_outline(axes: Axes, placed: PlacedObject) -> None:
     """The true section of an object."""
-    x, z = _section(placed.shape)
+    x, z = placed.shape.outline().T
     axes.plot(placed.front_x + x, z, "-", color=TRUTH, lw=2.0, label="truth")
 
 
@@ -157,12 +157,6 @@ def _name_section(axes: Axes) -> None:
     axes.set_aspect("equal")
     axes.set_xlabel("x [m]")
     axes.set_ylabel("z [m]")
-
-
-def _section(shape: Wedge) -> tuple[np.ndarray, np.ndarray]:
-    """Front foot, front top, back top, back foot: x from the front's foot and z [m]."""
-    run = shape.height / np.tan(np.radians(shape.front_slope_deg))
-    return np.array([0.0, run, shape.depth, shape.depth]), np.array([0.0, shape.height, shape.height, 0.0])
 
 
 def draw_cloud(axes: Axes3D, points: np.ndarray, box: np.ndarray, method: str) -> None:
@@ -189,9 +183,6 @@ def frame_box(axes: Axes3D, box: np.ndarray) -> None:
 
 def draw_edges(axes: Axes3D, placed: PlacedObject) -> None:
     """The true edges of an object."""
-    x, z = _section(placed.shape)
-    half = 0.5 * placed.shape.width
-    for y in (placed.centre_y - half, placed.centre_y + half):
-        axes.plot(placed.front_x + np.append(x, x[0]), np.full(5, y), np.append(z, 0.0), color=TRUTH, lw=1.2)
-    for corner_x, corner_z in zip(placed.front_x + x, z, strict=True):
-        axes.plot([corner_x] * 2, [placed.centre_y - half, placed.centre_y + half], [corner_z] * 2, color=TRUTH, lw=1.2)
+    offset = np.array([placed.front_x, placed.centre_y, 0.0])
+    for line in placed.shape.edges():
+        axes.plot(*(line + offset).T, color=TRUTH, lw=1.2)

@@ -20,8 +20,14 @@ from sonarwarp_scenes import PlacedObject
 
 METHODS = ("single", "fused")
 
+SEEN = "seen"
+"""Stands for a method where the surface itself is evaluated."""
+
 TOLERANCE = 0.05
 """Distance within which a point lies on a mesh, and a place of the mesh is met [m]. Ours: two cells and a half."""
+
+# Samples of objects' surfaces, seen and unseen: some in each half bin by slab of a section.
+_SEEN_SAMPLES = 100_000
 
 _SECTION_FIGURES = ("slope_deg", "slope_error", "front_coverage", "area_error", "volume_error")
 SURFACE_FIGURES = (
@@ -44,9 +50,25 @@ Surfaces = Mapping[str, SurfaceMetrics]
 
 def evaluate_objects(run: Run) -> Sections:
     """Both methods' clouds against the known objects."""
+    return {name: _sections(run, getattr(run.clouds, name).points) for name in METHODS}
+
+
+def evaluate_seen(run: Run) -> Sections:
+    """The surface of the known objects that the sonars could see, sampled without error, against the objects.
+
+    The figures that the best of all methods would have: what the objects hide of themselves, no cloud holds.
+    """
+    deployment = run.experiment.deployment
+    faces = len(deployment.scene.faces)
+    # A deployment's last faces are its bodies'.
+    part = np.arange(faces) >= faces - sum(size for _, size in deployment.bodies)
+    seen = seen_samples(deployment.scene, run.truth, part=part, count=_SEEN_SAMPLES, device=run.device)
+    return {SEEN: _sections(run, seen)}
+
+
+def _sections(run: Run, points: np.ndarray) -> list[SectionMetrics]:
     truths = [_truth(placed) for placed in run.experiment.deployment.objects]
-    slab = _beam_spacing(run)
-    return {name: evaluate_section(getattr(run.clouds, name).points, truths, slab_width=slab) for name in METHODS}
+    return evaluate_section(points, truths, slab_width=_beam_spacing(run))
 
 
 def _truth(placed: PlacedObject) -> ObjectTruth:
@@ -95,13 +117,13 @@ def evaluate_mesh(run: Run) -> Surfaces:
 
 
 def object_rows(run: Run, sections: Sections) -> list[dict[str, Any]]:
-    """Rows of a run over known objects."""
+    """Rows of a run over known objects, of the methods that there are sections of."""
     objects = run.experiment.deployment.objects
     return [
         _row(run, placed.name if len(objects) > 1 else None, method)
         | {name: getattr(sections[method][index], name) for name in _SECTION_FIGURES}
         for index, placed in enumerate(objects)
-        for method in METHODS
+        for method in sections
     ]
 
 

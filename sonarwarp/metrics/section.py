@@ -85,7 +85,7 @@ _OVERHANG = math.tan(math.radians(30.0))
 
 @dataclass(frozen=True, kw_only=True)
 class ObjectTruth:
-    """A known object on the seabed: its section in x and z, extruded along y.
+    """A known object on the seabed: its central section in x and z, and its volume.
 
     Raises:
         ValueError: a position that is not finite, a figure that is not positive, a slope outside (0, 90] degrees.
@@ -107,10 +107,10 @@ class ObjectTruth:
     """Height of the top over the seabed [m]."""
 
     depth: float
-    """Extent along x at the seabed [m]."""
+    """Extent along x over the seabed [m]."""
 
-    front_slope_deg: float
-    """Angle of the front against the horizontal [degrees]."""
+    front_slope_deg: float | None
+    """Angle of the front against the horizontal [degrees]; None where the front is no straight line."""
 
     sectional_area: float
     """Area of the section over the seabed [m2]."""
@@ -121,11 +121,14 @@ class ObjectTruth:
     def __post_init__(self) -> None:
         for field in ("front_x", "centre_y", "width", "height", "depth", "front_slope_deg", "sectional_area", "volume"):
             value = getattr(self, field)
+            if field == "front_slope_deg" and value is None:
+                continue
             if not math.isfinite(value):
                 raise ValueError(f"{field}: {value}, must be finite")
             if field not in ("front_x", "centre_y") and value <= 0.0:
                 raise ValueError(f"{field}: {value}, must be positive")
-        in_range("front_slope_deg", self.front_slope_deg, 0.0, 90.0)
+        if self.front_slope_deg is not None:
+            in_range("front_slope_deg", self.front_slope_deg, 0.0, 90.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,7 +145,7 @@ class SectionMetrics:
     """Front slope [degrees], over 90 where the front leans back towards the sonar; needs five filled height bins."""
 
     slope_error: float | None
-    """Error rate of the front slope."""
+    """Error rate of the front slope; needs one, and an object that has one."""
 
     front_coverage: float
     """Filled height bins / 8."""
@@ -219,8 +222,8 @@ def _evaluate(points: np.ndarray, truth: ObjectTruth, slab_width: float) -> Sect
     )
 
 
-def _error(estimate: float | None, truth: float) -> float | None:
-    return None if estimate is None else abs(estimate - truth) / truth
+def _error(estimate: float | None, truth: float | None) -> float | None:
+    return None if estimate is None or truth is None else abs(estimate - truth) / truth
 
 
 def _cell(coordinate: np.ndarray, size: float) -> np.ndarray:
