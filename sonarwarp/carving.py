@@ -119,7 +119,7 @@ class Carver:
         on = {"device": self._device, "threads": self._threads}
         grid, fan, contacts, hypotheses = self._grid, self._fan, self._contacts, self._settings.free_space.hypotheses
         self._free_depth.fill_(free_depth.UNASKED)
-        free_depth.ask_arcs(grid, fan, contacts, hypotheses, self._free_depth, device=self._device)
+        free_depth.ask_arcs(grid, fan, contacts, hypotheses, self._free_depth, **on)
         columns = self._fronts.found.shape[2]
         fronts.ask_sheets(grid, self._front_model, self._profiles, columns, self._free_depth, device=self._device)
         free_depth.measure_free_depth(

@@ -6,7 +6,7 @@ import math
 
 from sonarwarp.settings import ReconstructionSettings
 from sonarwarp.sonar import PS
-from sonarwarp_kernels import arcs, critical, crowd, free_depth, fronts, inverse, particles, profile, sides
+from sonarwarp_kernels import arcs, critical, crowd, fronts, inverse, particles, profile, proof, sides
 from sonarwarp_kernels.specs import Mixture
 
 
@@ -68,9 +68,9 @@ def reading(settings: ReconstructionSettings) -> particles.Reading:
     return chosen
 
 
-def carving(settings: ReconstructionSettings) -> free_depth.Carving:
+def carving(settings: ReconstructionSettings) -> proof.Carving:
     """What a frame proves empty."""
-    chosen = free_depth.Carving()
+    chosen = proof.Carving()
     chosen.reach = settings.free_space.reach
     chosen.guard = settings.free_space.guard
     chosen.margin = math.radians(settings.free_space.margin_deg)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from sonarwarp_kernels import arcs, estimate, free_depth
+from sonarwarp_kernels import arcs, estimate, free_depth, proof
 from tests.arc_world import UNDETECTED, ArcWorld, struct
 from tests.reference.geometry import rotation, sonar_rotation
 
@@ -102,8 +102,8 @@ class CarvedWorld(ArcWorld):
         made["grid"].size = wp.array(self.size, dtype=wp.vec3i, device=device)
         return made
 
-    def carving(self) -> free_depth.Carving:
-        return struct(free_depth.Carving, reach=self.reach, guard=self.guard, margin=self.margin)
+    def carving(self) -> proof.Carving:
+        return struct(proof.Carving, reach=self.reach, guard=self.guard, margin=self.margin)
 
     def model(self) -> arcs.ArcModel:
         return struct(arcs.ArcModel, reach=self.reach, informed=self.certain, **self.doubt)
@@ -119,11 +119,12 @@ class CarvedWorld(ArcWorld):
             "first_frame": wp.array(first, dtype=int, device=device),
         }
 
-    def ask(self, device: str, hypotheses: int = 16, content: float = UNASKED) -> np.ndarray:
+    def ask(self, device: str, hypotheses: int = 16, content: float = UNASKED, threads: int = 1) -> np.ndarray:
         """Cells after the arcs were asked for, shape [trajectory, x, y, z]."""
         inputs = self.inputs(device)
         cells = wp.full(self.counts.shape, content, dtype=float, device=device)
-        free_depth.ask_arcs(inputs["grid"], inputs["fan"], inputs["contacts"], hypotheses, cells, device=device)
+        on = {"device": device, "threads": threads}
+        free_depth.ask_arcs(inputs["grid"], inputs["fan"], inputs["contacts"], hypotheses, cells, **on)
         return cells.numpy()
 
     def measure(self, device: str, cells: np.ndarray, order: Any = None, threads: int = 1) -> np.ndarray:

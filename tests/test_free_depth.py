@@ -13,24 +13,11 @@ from tests.arc_world import UNDETECTED, struct
 from tests.carved_world import ASKED, ATTITUDES, UNASKED, UNEVEN, CarvedWorld
 from tests.reference import free_depth as reference
 from tests.reference.field import cell_centres
-from tests.reference.geometry import direction
 
 EPSILON = float(np.finfo(np.float32).eps)
 EVEN = np.linspace(-0.5, 0.5, 9, dtype=np.float32)
 # Positions and ranges of up to 5 m, some operations each.
 LENGTH = 16 * EPSILON * 5.0
-
-
-@wp.kernel
-def nearest_beam_kernel(fan: Fan, angle: wp.array(dtype=float), beam_out: wp.array(dtype=int)):
-    index = wp.tid()
-    beam_out[index] = free_depth.nearest_beam(fan, angle[index])
-
-
-@wp.kernel
-def free_range_kernel(fan: Fan, carving: free_depth.Carving, contacts: Contacts, range_out: wp.array2d(dtype=float)):
-    frame, beam = wp.tid()
-    range_out[frame, beam] = free_depth.free_range(fan, carving, contacts, frame, beam)
 
 
 @wp.kernel
@@ -40,20 +27,6 @@ def two_largest_kernel(value: wp.array2d(dtype=float), kept_out: wp.array(dtype=
     for index in range(value.shape[1]):
         kept = free_depth.two_largest(kept, value[row, index])
     kept_out[row] = kept
-
-
-@wp.kernel
-def proven_depth_kernel(
-    fan: Fan,
-    carving: free_depth.Carving,
-    contacts: Contacts,
-    point: wp.array(dtype=wp.vec3),
-    low: float,
-    high: float,
-    depth_out: wp.array(dtype=float),
-):
-    index = wp.tid()
-    depth_out[index] = free_depth.proven_depth(fan, carving, contacts, 0, point[index], low, high)
 
 
 @wp.kernel
@@ -67,91 +40,6 @@ def read_free_depth_kernel(
 ):
     index = wp.tid()
     depth_out[index] = free_depth.read_free_depth(grid, cells, owner, point[index], reach)
-
-
-# --- What one beam proves ---
-
-
-@pytest.mark.parametrize(
-    ("azimuth", "border"),
-    [
-        (EVEN, None),
-        (UNEVEN, None),
-        (np.float32([-0.1, 0.9, 1.0]), [-0.15, 0.4, 0.95, 1.05]),
-        (np.float32([-0.2, 0.1]), [-0.3, -0.1, 0.3]),
-        (np.float32([0.1]), [0.05, 0.15]),
-    ],
-    ids=["even", "uneven", "a wide gap", "two beams", "one beam"],
-)
-def test_a_direction_belongs_to_the_nearest_beam_and_outside_of_the_fan_to_none(device, azimuth, border):
-    world = CarvedWorld.around(np.eye(3), azimuth=azimuth, border=None if border is None else np.float32(border))
-    angle = np.concatenate([np.linspace(-1.6, 1.6, 4001), azimuth, world.borders]).astype(np.float32)
-    beam = wp.zeros(len(angle), dtype=int, device=device)
-    angles = wp.array(angle, dtype=float, device=device)
-    wp.launch(nearest_beam_kernel, len(angle), [world.inputs(device)["fan"], angles], [beam], device=device)
-    away = np.abs(angle.astype(np.float64)[:, None] - azimuth.astype(np.float64))
-    got, inside = beam.numpy(), (angle >= world.borders[0]) & (angle <= world.borders[-1])
-    assert np.array_equal(got >= 0, inside)
-    # Half-way between two either is the nearest.
-    assert np.all(away[inside, got[inside]] <= away[inside].min(axis=1) + 2 * EPSILON)
-    assert set(got[inside]) == set(range(len(azimuth)))
-
-
-@pytest.mark.parametrize(
-    ("critical", "seabed", "expected"),
-    [
-        (2.0, 3.0, 2.0),  # a critical point
-        (3.2, 3.0, 3.2),  # one that an uneven seabed left behind r_emin
-        (2.0, np.inf, 2.0),
-        (UNDETECTED, 3.0, 3.0 - 0.05),  # none: up to a guard before r_emin
-        (UNDETECTED, 9.0, 4.0 - 0.05),  # r_emin beyond the window, which ends at 4 m
-        (UNDETECTED, np.inf, 4.0 - 0.05),  # no seabed ahead
-        (UNDETECTED, 0.0, 0.0 - 0.05),  # a frame that nobody has worked in proves nothing
-    ],
-)
-def test_a_beam_is_free_up_to_its_critical_point_or_the_end_of_its_roi(device, critical, seabed, expected):
-    world = CarvedWorld.around(np.eye(3))
-    full = np.ones_like(world.critical)
-    world = replace(world, critical=critical * full, seabed=seabed * full)
-    out = wp.zeros(full.shape, dtype=float, device=device)
-    inputs = world.inputs(device)
-    arguments = [inputs["fan"], world.carving(), inputs["contacts"]]
-    wp.launch(free_range_kernel, full.shape, arguments, [out], device=device)
-    np.testing.assert_allclose(out.numpy(), expected, atol=2 * EPSILON * 4)
-    oracle = reference.free_ranges(world.critical, world.seabed, 4.0, world.guard)
-    np.testing.assert_allclose(out.numpy(), oracle, atol=2 * EPSILON * 4)
-
-
-@pytest.mark.parametrize("cone", [0, 1])
-@pytest.mark.parametrize(
-    ("azimuth", "elevation", "distance", "expected"),
-    [
-        (0.1, 0.0, 1.5, 0.5),  # half a metre before the critical point
-        (0.1, 0.0, 2.0, 0.0),  # on it
-        (0.1, 0.2, 2.25, -0.25),  # behind it
-        (0.1, 0.0, 0.5, 1.5),  # the reach bounds from below only: above, after the second largest was found
-        (0.1, 0.0, 3.5, -1.0),
-        (0.1, 0.269, 1.5, 0.5),  # the beam ends at 0.3, the margin takes 0.03
-        (0.1, 0.271, 1.5, -1.0),
-        (0.1, -0.269, 1.5, 0.5),
-        (0.1, -0.271, 1.5, -1.0),
-        (0.559, 0.0, 1.5, 0.5),  # the fan ends at 0.525 + 0.035
-        (0.561, 0.0, 1.5, -1.0),
-        (-0.539, 0.0, 1.5, 0.5),
-        (-0.541, 0.0, 1.5, -1.0),
-    ],
-)
-def test_a_place_has_the_free_depth_of_its_beam(device, cone, azimuth, elevation, distance, expected):
-    border = np.float32([-0.54, -0.46, -0.36, -0.1, 0.125, 0.275, 0.56])
-    world = CarvedWorld.around(np.eye(3), cone=cone, border=border)
-    world = replace(world, critical=np.full_like(world.critical, 2.0))
-    point = distance * direction(np.array([azimuth]), np.array([elevation]), bool(cone))
-    out = wp.zeros(1, dtype=float, device=device)
-    inputs = world.inputs(device)
-    arguments = [inputs["fan"], world.carving(), inputs["contacts"], wp.array(point, dtype=wp.vec3, device=device)]
-    low, high = world.margin - world.half_elevation, world.half_elevation - world.margin
-    wp.launch(proven_depth_kernel, 1, [*arguments, low, high], [out], device=device)
-    np.testing.assert_allclose(out.numpy(), [expected], atol=LENGTH)
 
 
 # --- What several frames prove ---
@@ -176,6 +64,21 @@ def test_free_depth_is_the_second_largest_over_all_frames_at_any_attitude(device
         assert np.mean(upper - lower > LENGTH) < 2e-3
         between = (own > -world.reach) & (own < world.reach)
         assert np.mean(between) > 0.1
+
+
+@pytest.mark.parametrize("cone", [0, 1])
+def test_of_more_frames_than_runs_none_is_left_out(device, cone):
+    world = CarvedWorld.around(ATTITUDES["tilted"], frames=2 * 150, cone=cone)
+    critical = np.random.default_rng(73).uniform(2.2, 2.4, world.critical.shape)
+    world = replace(world, critical=critical.astype(np.float32))
+    got = world.measure(device, np.full(world.counts.shape, ASKED, dtype=np.float32))
+    grid = world.inputs("cpu")["grid"]
+    for owner in range(2):
+        inside = world.inside()[owner]
+        lower, upper = reference.bounds(world, owner, cell_centres(grid, owner)[inside])
+        assert np.all(got[owner][inside] >= lower - LENGTH)
+        assert np.all(got[owner][inside] <= upper + LENGTH)
+        assert np.mean(np.abs(got[owner][inside]) < world.reach) > 0.1
 
 
 def test_frames_that_look_straight_ahead_find_the_depth_of_a_wall(device):
@@ -281,6 +184,12 @@ def test_cells_around_every_place_on_an_arc_are_asked_for_and_no_others(device, 
         assert 0 < found.sum() < world.inside()[owner].sum()
         # Some arcs reach out of the box, which has no cells there.
         assert not np.any(asked[~world.inside()[owner]])
+
+
+@pytest.mark.parametrize("threads", [2, 5])
+def test_threads_ask_for_the_same_cells_as_one(device, threads):
+    world = CarvedWorld.around(ATTITUDES["tilted"])
+    assert np.array_equal(world.ask(device, threads=threads), world.ask(device))
 
 
 def test_without_critical_points_nothing_is_asked_for(device):

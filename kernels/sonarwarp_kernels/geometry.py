@@ -28,22 +28,23 @@ def beam_direction(azimuth: float, elevation: float, cone: int) -> wp.vec3:
 
 
 @wp.func
+def azimuth_of(point: wp.vec3, distance: float, cone: int) -> float:
+    """Azimuth [rad] of a point in the sonar's frame, ``distance`` from its origin and not in it."""
+    if cone != 0:
+        return wp.asin(wp.clamp(point[1] / distance, -1.0, 1.0))
+    return wp.atan2(point[1], point[0])
+
+
+@wp.func
 def polar_coordinates(point: wp.vec3, cone: int) -> wp.vec3:
     """Range [m], azimuth and elevation [rad] of a point in the sonar's frame; the inverse of :func:`beam_direction`."""
     distance = wp.length(point)
     if distance == 0.0:
         return wp.vec3(0.0, 0.0, 0.0)
+    azimuth = azimuth_of(point, distance, cone)
     if cone != 0:
-        return wp.vec3(
-            distance,
-            wp.asin(wp.clamp(point[1] / distance, -1.0, 1.0)),
-            wp.atan2(point[2], point[0]),
-        )
-    return wp.vec3(
-        distance,
-        wp.atan2(point[1], point[0]),
-        wp.asin(wp.clamp(point[2] / distance, -1.0, 1.0)),
-    )
+        return wp.vec3(distance, azimuth, wp.atan2(point[2], point[0]))
+    return wp.vec3(distance, azimuth, wp.asin(wp.clamp(point[2] / distance, -1.0, 1.0)))
 
 
 @wp.func

@@ -81,9 +81,9 @@ def launch(
 ) -> None:
     """Launch ``kernel`` over ``dim``, its leading axis spread over CPU threads.
 
-    Only for kernels whose leading index owns its outputs: CPU atomics are plain read-modify-write. Serial on CUDA and
-    while the device is capturing a graph (a pool's launches would run eagerly and leave the graph empty). Leave
-    ``threads`` at 1 under a tape, which would record the pieces.
+    Only for kernels whose leading index owns its outputs, or that write one value: CPU atomics are read-modify-write.
+    Serial on CUDA and while the device is capturing a graph (a pool's launches would run eagerly and leave the graph
+    empty). Leave ``threads`` at 1 under a tape, which would record the pieces.
 
     Args:
         kernel: a kernel whose first argument is ``first: int``.

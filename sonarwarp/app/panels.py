@@ -131,8 +131,7 @@ def _along(start: np.ndarray, reach: np.ndarray, depression: np.ndarray) -> tupl
 
 def draw_field(axes: Axes, snapshot: Snapshot, y: float) -> ScalarMappable:
     """Probability that cells are occupied, in the vertical plane at ``y`` [m]."""
-    column = int((y - snapshot.origin[1]) / snapshot.cell)
-    cells = snapshot.occupancy[:, min(max(column, 0), snapshot.occupancy.shape[1] - 1)]
+    cells = snapshot.occupancy(y)
     x = snapshot.origin[0] + snapshot.cell * np.arange(cells.shape[0] + 1)
     z = snapshot.origin[2] + snapshot.cell * np.arange(cells.shape[1] + 1)
     drawn = axes.pcolormesh(x, z, cells.T, cmap="gray_r", vmin=0.0, vmax=1.0, rasterized=True)

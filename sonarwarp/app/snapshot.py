@@ -48,14 +48,24 @@ class Snapshot:
     footprints: np.ndarray
     """(10 % point, centroid, 90 % point) [m], below 0 where unused, shape [ping, footprint, 3]."""
 
-    occupancy: np.ndarray
-    """Probability that a cell is occupied (Eq. 22), 1/2 where nothing is known, shape [x, y, z]."""
+    log_odds: np.ndarray
+    """The field's sums, ``FIXED_POINT`` counts per unit and not clamped, shape [x, y, z]."""
+
+    clamps: tuple[float, float]
+    """Between which log-odds are read."""
 
     origin: np.ndarray
     """Lowest corner of the field [m], shape [3]."""
 
     cell: float
     """Edge length of a cell [m]."""
+
+    def occupancy(self, y: float) -> np.ndarray:
+        """Probability that cells of the vertical plane at ``y`` [m], or of the nearest that there is, are occupied
+        (Eq. 22), 1/2 where nothing is known, shape [x, z]."""
+        column = int(np.clip((y - self.origin[1]) / self.cell, 0, self.log_odds.shape[1] - 1))
+        log_odds = self.log_odds[:, column].astype(np.float32) / np.float32(FIXED_POINT)
+        return 1.0 / (1.0 + np.exp(-np.clip(log_odds, *self.clamps)))
 
 
 def take_snapshot(run: Run) -> Snapshot:
@@ -129,8 +139,6 @@ def _read(
 ) -> Snapshot:
     """What a reconstructor made of some frames and pings, by their indices in its own survey."""
     settings = reconstructor.settings.likelihood_field
-    log_odds = reconstructor.log_odds.numpy()[0].astype(np.float32) / np.float32(FIXED_POINT)
-    log_odds = np.clip(log_odds, settings.low, settings.high)
     return Snapshot(
         survey=part,
         images=images,
@@ -138,7 +146,8 @@ def _read(
         critical_range=reconstructor.contacts.critical_range.numpy()[frames],
         echoes=echoes,
         footprints=reconstructor.footprints.numpy()[pings],
-        occupancy=1.0 / (1.0 + np.exp(-log_odds)),
+        log_odds=reconstructor.log_odds.numpy()[0],
+        clamps=(settings.low, settings.high),
         origin=reconstructor.grid.origin.numpy()[0],
         cell=reconstructor.grid.cell,
     )
