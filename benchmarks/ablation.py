@@ -42,8 +42,9 @@ STEPS = (
     Step(title="free depth", free_space={"proven": 10.0}),
     Step(title="height guard", free_space={"least_height": 0.0}),
     Step(title="sides", free_space={"side_share": 0.0}),
-    Step(title="strays", free_space={"stray_points": 0, "stray_share": 0.0}),
-    Step(title="faces", faces={"compact": 0.0}),
+    Step(title="strays", free_space={"stray_points": 0}),
+    # A free depth under minus its bound.
+    Step(title="faces", faces={"in_doubt": -10.0}),
 )
 """In the order in which the method takes them."""
 

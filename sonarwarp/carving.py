@@ -53,7 +53,6 @@ class Carver:
         self._fan = survey.rig.fls.fan(device)
         self._carving = specs.carving(settings)
         self._model = specs.arc_model(settings)
-        self._crowd = specs.crowd_model(settings)
         self._sides = specs.side_model(settings)
         self._front_model = specs.front_model(settings, survey.rig.ps)
         shape = (survey.trajectories, grid.nx, grid.ny, grid.nz)
@@ -133,7 +132,8 @@ class Carver:
         sides.drop_sides(self._sides, contacts.critical_range, self._level, self.quality, **on)
         self._count.zero_()
         crowd.count_points(grid, trajectory, self.quality, point, self._count, device=self._device)
-        crowd.drop_strays(grid, self._crowd, trajectory, point, self._count, self.quality, **on)
+        least = self._settings.free_space.stray_points
+        crowd.drop_strays(grid, trajectory, point, self._count, least, self.quality, **on)
         self._top.fill_(tops.NO_TOP)
         tops.raise_tops(grid, trajectory, self.quality, point, self._top, device=self._device)
         fronts.find_fronts(grid, self._front_model, self._profiles, self._free_depth, self._top, self._fronts, **on)

@@ -65,8 +65,9 @@ class Detection:
     floor_db: float = -60.0
     """Least edge over a flat seabed's echo at the window's end [dB]. Ours: above numerical crumbs."""
 
-    profile_relative_db: float = -26.0
-    """Least return of a ping over its strongest, both corrected for spreading [dB]. Ours."""
+    profile_relative_db: float = -20.0
+    """Least return of a ping over its strongest, both corrected for spreading [dB]. Ours: weaker ones come from aside,
+    and are credited to all of the fan."""
 
     profile_clearance: float = 3.0
     """Least return of a ping over the mean of its background. Ours: 7 deviations of smoothed Rayleigh noise."""
@@ -191,12 +192,15 @@ class FreeSpace:
     margin_deg: float = 0.25
     """Part of a beam's elevation that proves nothing, at either edge [deg]: boresight and attitude err by 0.2 deg."""
 
-    proven: float = 0.01
+    proven: float = -0.02
     """Least free depth that tells anything [m]: less is as likely, be it behind the surface or unseen."""
 
-    deviation: float = 0.02
+    deviation: float = 0.014
     """Standard deviation of a contact's free depth about the least on its arc [m]. Sharper ones follow the wedge that
-    consecutive arcs leave in doubt."""
+    consecutive arcs leave in doubt, blunter ones leave round shapes to the profiling sonar, which knows them less."""
+
+    odds_power: float = 0.75
+    """Power of the profiling sonar's odds on an arc: pings overlap and share their evidence."""
 
     least_height: float = 0.06
     """Least height over the seabed of a contact that gives a point [m]: a seabed of 1 cm RMS, an altitude wrong by 1 cm
@@ -205,12 +209,13 @@ class FreeSpace:
     informed_deg: float = 1.5
     """Most standard deviation of elevation of an informed point [deg]."""
 
-    sharpness: float = 4.0
+    sharpness: float = 1.75
     """Power of an arc's weights that counts for the interval of elevation, calibrated on ten runs with noise: the
     deviation above is wide, for the sake of the likeliest place."""
 
-    registration_deg: float = 0.2
-    """Standard deviation of elevation that mounts add [deg]: a boresight's."""
+    registration_deg: float = 0.35
+    """Standard deviation of elevation between both sonars [deg]: boresights and the head's zero err by 0.2 deg each,
+    lever arms of 1 cm and heights by 0.15 deg at 4 m."""
 
     hypotheses: int = 128
     """Places on each arc, 0.11 deg apart in the paper's beam. Ours: half a cell at 4 m."""
@@ -225,11 +230,8 @@ class FreeSpace:
     side_jump: float = 0.04
     """A neighbour this much further looks past the object [m]."""
 
-    stray_points: int = 3
-    """Fewest points in the 27 cells around a point that stays."""
-
-    stray_share: float = 0.35
-    """Fewest of them over the most around a place two cells off."""
+    stray_points: int = 6
+    """Fewest points in the 27 cells around a point that stays: 0.1 m/s and 4 m away a surface leaves 16."""
 
     def __post_init__(self) -> None:
         in_range("FreeSpace.reach", self.reach, 1e-3, 10.0)
@@ -237,6 +239,7 @@ class FreeSpace:
         in_range("FreeSpace.margin_deg", self.margin_deg, 0.0, 45.0)
         in_range("FreeSpace.proven", self.proven, -10.0, 10.0)
         in_range("FreeSpace.deviation", self.deviation, 1e-4, 10.0)
+        in_range("FreeSpace.odds_power", self.odds_power, 0.0, 1.0)
         in_range("FreeSpace.least_height", self.least_height, 0.0, 10.0)
         in_range("FreeSpace.informed_deg", self.informed_deg, 0.0, 90.0)
         in_range("FreeSpace.sharpness", self.sharpness, 0.1, 10.0)
@@ -246,15 +249,15 @@ class FreeSpace:
         in_range("FreeSpace.side_share", self.side_share, 0.0, 1.0)
         in_range("FreeSpace.side_jump", self.side_jump, 0.0, 10.0)
         in_range("FreeSpace.stray_points", self.stray_points, 0, 1000)
-        in_range("FreeSpace.stray_share", self.stray_share, 0.0, 1.0)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Faces:
     """Steep faces that the profiling sonar saw under the imaging sonar's contacts. Ours throughout."""
 
-    compact: float = 0.9
-    """Most spread of a face's footprint over the width of the beam there: an incline of 48 degrees to the beam."""
+    compact: float = 1.5
+    """Most spread of a face's footprint over the width of the beam there, an incline of 34 degrees to the beam. Wider
+    ones are no evidence of anything solid either: where in them it lies, the profiling sonar cannot tell."""
 
     spacing: float = 0.02
     """Distance between points on a face [m]."""

@@ -6,7 +6,7 @@ import math
 
 from sonarwarp.settings import ReconstructionSettings
 from sonarwarp.sonar import PS
-from sonarwarp_kernels import arcs, critical, crowd, fronts, inverse, particles, profile, proof, sides
+from sonarwarp_kernels import arcs, critical, fronts, inverse, particles, profile, proof, sides
 from sonarwarp_kernels.specs import Mixture
 
 
@@ -40,6 +40,8 @@ def profile_model(settings: ReconstructionSettings, ps: PS) -> inverse.ProfileMo
     chosen.half_fan = math.radians(ps.fan_beamwidth_deg) / 2
     chosen.range_deviation = settings.likelihood_field.range_deviation
     chosen.reach = float(ps.range_edge[-1])
+    # As printed, every footprint is occupied.
+    chosen.compact = math.inf if settings.method == "paper" else settings.faces.compact
     return chosen
 
 
@@ -83,6 +85,7 @@ def arc_model(settings: ReconstructionSettings) -> arcs.ArcModel:
     chosen.reach = settings.free_space.reach
     chosen.proven = settings.free_space.proven
     chosen.deviation = settings.free_space.deviation
+    chosen.odds_power = settings.free_space.odds_power
     chosen.range_deviation = settings.mixture.deviation
     chosen.least_height = settings.free_space.least_height
     chosen.informed = math.radians(settings.free_space.informed_deg)
@@ -96,14 +99,6 @@ def side_model(settings: ReconstructionSettings) -> sides.Sides:
     chosen = sides.Sides()
     chosen.jump = settings.free_space.side_jump
     chosen.share = settings.free_space.side_share
-    return chosen
-
-
-def crowd_model(settings: ReconstructionSettings) -> crowd.Crowd:
-    """Which points stand apart."""
-    chosen = crowd.Crowd()
-    chosen.least = settings.free_space.stray_points
-    chosen.share = settings.free_space.stray_share
     return chosen
 
 

@@ -292,9 +292,15 @@ def test_faces_stand_where_their_range_and_angles_say(alone, log):
 def test_faces_are_the_bricks_front(alone):
     """Upright and at x = 0, between the seabed and the brick's top, no wider than a strip beyond its sides."""
     faces = of_source(alone[2].fused, 1).points
+    # Nearer to the top than a beam is wide, the top is in the beam as well.
+    beam = np.radians(SWIFT.ps.beamwidth_deg) * 3.5
+    whole = faces[:, 2] < 0.39 - beam
+    assert np.mean(whole) > 0.6
+    assert np.all(np.abs(faces[whole, 0]) < CARVED.likelihood_field.cell)
     assert abs(np.median(faces[:, 0])) < 0.02
-    assert np.all(np.abs(faces[:, 0]) < 0.08)
-    assert np.all((faces[:, 2] > 0.0) & (faces[:, 2] < 0.39 + 0.02))
+    assert np.all(faces[:, 2] > 0.0)
+    # Contacts end them, which cells of this size place to a cell or so.
+    assert np.mean(faces[:, 2] < 0.39 + CARVED.likelihood_field.cell) > 0.95
     assert np.all(np.abs(faces[:, 1]) < 0.19 / 2 + 0.06)
 
 

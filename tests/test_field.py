@@ -23,7 +23,7 @@ SHAPE = (24, 20, 16)
 def make_model(**changed):
     model = inverse.ProfileModel()
     values = {"hit": 2.0, "miss": -1.0, "no_return": 0.0, "range_deviation": 0.03, "reach": 2.0}
-    values |= {"half_width": np.radians(3.0), "half_fan": np.radians(10.0), **changed}
+    values |= {"compact": np.inf, "half_width": np.radians(3.0), "half_fan": np.radians(10.0), **changed}
     for name, value in values.items():
         setattr(model, name, value)
     return model
@@ -142,11 +142,11 @@ def excess(got, grid, model, ping, owner=0):
 # --- What a ping says ---
 
 
-@pytest.mark.parametrize("half_width_deg", [0.9, 3.0, 15.0])
-def test_random_pings_match_the_oracle_in_every_cell(device, half_width_deg):
+@pytest.mark.parametrize(("half_width_deg", "compact"), [(0.9, np.inf), (3.0, np.inf), (3.0, 1.5), (15.0, np.inf)])
+def test_random_pings_match_the_oracle_in_every_cell(device, half_width_deg, compact):
     pings = random_pings(np.random.default_rng(31), 60, owners=60)
     grid = make_grid(device, [ORIGIN] * 60)
-    model = make_model(half_width=np.radians(half_width_deg), no_return=-0.5)
+    model = make_model(half_width=np.radians(half_width_deg), compact=compact, no_return=-0.5)
     log_odds = fields(grid)
     Pings(pings).add(grid, model, [[ping] for ping in range(60)], log_odds)
     found = [excess(got, grid, model, ping) for got, ping in zip(log_odds.numpy(), pings, strict=True)]
@@ -187,6 +187,16 @@ def test_all_is_free_before_a_return_occupied_at_it_and_unknown_behind(device):
     assert got[20] == pytest.approx(2 * COUNTS, rel=1e-4)
     assert np.all(got[behind] == 0)
     assert (free.sum(), behind.sum()) == (20, 19)
+
+
+@pytest.mark.parametrize(("compact", "occupied"), [(1.99, False), (2.01, True), (np.inf, True)])
+def test_a_footprint_too_wide_is_not_occupied_and_the_water_before_it_is_free(device, compact, occupied):
+    # Twice as long as the beam is wide there: 0.8 of that lies between its ends.
+    half = 0.8 * np.radians(6.0) * 1.025
+    got, distance = axis_counts(device, [(1.025 - half, 1.025, 1.025 + half)], compact=compact)
+    assert np.all(got[distance < 0.98] < -0.9 * COUNTS)
+    assert got[20] == pytest.approx(2 * COUNTS if occupied else 0.0, abs=4)
+    assert np.all(got[distance > 1.07] == 0)
 
 
 def test_between_two_returns_nothing_is_said(device):
@@ -556,6 +566,7 @@ def test_wrong_arrays_of_an_update_are_refused_by_name(device, wrong, shape, dty
         ({"half_width": 0.0}, r"model\.half_width: must be above 0 and at most 1, got 0"),
         ({"half_width": 1.1}, r"model\.half_width: must be above 0 and at most 1, got 1\.1"),
         ({"half_fan": float("nan")}, r"model\.half_fan: must be above 0 and at most 1\.5708, got nan"),
+        ({"compact": -1.0}, r"model\.compact: must be at least 0, got -1"),
         ({"range_deviation": -0.1}, r"model\.range_deviation: must be above 0 and at most inf, got -0\.1"),
     ],
 )

@@ -15,6 +15,7 @@ from tests.wall_world import (
     COLUMNS,
     MODEL,
     NO_TOP,
+    STEPS,
     Wall,
     WallWorld,
     find,
@@ -205,7 +206,8 @@ CHANGES = {
     "hardly in water": (lambda scene: with_depth(scene, 0.019), True),
     "in proven water": (lambda scene: with_depth(scene, 0.021), False),
     "no contacts": (lambda scene: replace(scene, top=np.full(scene.top.shape, NO_TOP)), False),
-    "contacts 4 cm before": (lambda scene: shifted(scene, -5), True),
+    "contacts from 4 cm before on": (lambda scene: shifted(scene, -2), True),
+    "contacts from 10 cm before on": (lambda scene: shifted(scene, -5), False),
     "contacts 8 cm before and more": (lambda scene: shifted(scene, -7), False),
     "contacts 12 cm behind": (lambda scene: shifted(scene, 6), True),
     "contacts 18 cm behind and little higher": (lambda scene: with_pings(shifted(scene, 9), 3, 8, 13), False),
@@ -245,6 +247,19 @@ def test_a_flat_seabed_is_no_face(device):
     bare = with_depth(replace(scene, pings=pings, top=np.full(scene.top.shape, 100)), -0.1)
     assert not any_found(device, bare, clearance=9.0)
     assert any_found(device, bare, clearance=9.0, compact=3.0)
+
+
+def test_a_level_top_has_no_faces_in_it(device):
+    # Met at 40 degrees its footprints spread over 1.2 of the beam's width; contacts stand all over it.
+    scene, pings = UPRIGHT.scene(), []
+    for way in np.linspace(2.8, 3.1, 8):
+        ping = look((), (way, 0.0, 1.8), (way + 1.2, 0.0, 0.8))
+        angle = np.arctan2(1.0, 1.2) + MODEL["half_width"] * np.array([0.8, 0.0, -0.8])
+        pings.append(replace(ping, footprints=[tuple(1.0 / np.sin(angle))]))
+    level = with_depth(replace(scene, pings=pings, top=np.full(scene.top.shape, round(0.8 * STEPS))), -0.1)
+    assert not any_found(device, level, compact=1.5)
+    # Unless nobody looks at the contacts before it.
+    assert any_found(device, level, compact=1.5, behind=MODEL["before"])
 
 
 SIDE_BY_SIDE = {"in line": 4.0, "10 cm behind": 4.1, "40 cm behind": 4.4, "10 cm before": 3.9}

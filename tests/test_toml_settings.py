@@ -347,7 +347,7 @@ CARELESS = {
     "another method": ('method = "best"', r"n: reconstruction\.method: 'best', must be one of 'carved', 'paper'"),
     "online without the paper's method": ("causal = true", r"n: reconstruction\.causal: true, needs method = 'paper'"),
     "no reach": ("free_space.reach = 0", r"n: reconstruction\.free_space\.reach: 0 is outside \[0\.001, 10\]"),
-    "a share of all": ("free_space.stray_share = 2", r"free_space\.stray_share: 2 is outside \[0, 1\]"),
+    "a share of all": ("free_space.side_share = 2", r"free_space\.side_share: 2 is outside \[0, 1\]"),
     "no hypotheses": ("free_space.hypotheses = 0", r"free_space\.hypotheses: 0 is outside \[1, "),
     "half a point": ("free_space.stray_points = 0.5", r"free_space\.stray_points: 0\.5, must be a whole number"),
     "no spacing": ("faces.spacing = 0", r"n: reconstruction\.faces\.spacing: 0 is outside \[0\.001, 10\]"),

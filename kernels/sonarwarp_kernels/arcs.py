@@ -1,9 +1,14 @@
 """Where on its elevation arc a critical point lies, judged by both sonars together.
 
 A critical point fixes range and azimuth; the arc over the beam's elevation remains. Hypotheses on it, evenly spaced,
-weigh as likely as the profiling sonar's field holds them occupied (Eq. 22) and as the free depth leaves them in doubt:
-a contact lies where it is smallest along its own arc, so a common error of range or navigation cancels. The range needs
-no particles: its deviation, half a bin, is little beside what the free depth's allows for.
+weigh as likely as the profiling sonar's field holds them occupied and as the free depth leaves them in doubt: a contact
+lies where it is smallest along its own arc, so a common error of range or navigation cancels. The range needs no
+particles: its deviation, half a bin, is little beside what the free depth's allows for.
+
+Exactly one place on the arc is the contact, so the field counts by its odds: that i alone is occupied is as likely as
+p_i prod_{j != i} (1 - p_j), which is proportional to p_i / (1 - p_i), the exponential of the log-odds. The
+probabilities themselves (Eq. 22) saturate: they hardly tell a place that one ping met from one that four met. Pings
+overlap and share their evidence, hence a power of the odds.
 
 A contact that the seabed explains, being hardly nearer than r_emin, says what is empty and gives no point.
 """
@@ -21,7 +26,7 @@ from sonarwarp_kernels.estimate import (
     Estimates,
     check_estimates,
 )
-from sonarwarp_kernels.field import check_field, occupancy, read_log_odds
+from sonarwarp_kernels.field import check_field, read_log_odds
 from sonarwarp_kernels.free_depth import hypothesis, read_free_depth
 from sonarwarp_kernels.geometry import beam_direction
 from sonarwarp_kernels.launch import launch
@@ -50,11 +55,12 @@ class ArcModel:
     reach: float  # bound of the free depths [m]
     proven: float  # least free depth that tells anything: less is as likely, be it behind the surface or unseen [m]
     deviation: float  # of a contact's free depth about its arc's least [m]
+    odds_power: float  # power of the field's odds that counts: pings that overlap share their evidence
     range_deviation: float  # of the critical range [m]
     least_height: float  # over the seabed, at the beam's lower edge, of a contact that gives a point [m]
     informed: float  # most standard deviation of elevation of an informed point [rad]
     sharpness: float  # power of the weights that counts for the interval: neighbours on an arc share their evidence
-    registration: float  # standard deviation of elevation that both sonars' mounts and attitude add [rad]
+    registration: float  # standard deviation of elevation between both sonars, where no end of the beam bounds it [rad]
 
 
 @wp.func
@@ -88,7 +94,7 @@ def arc_weight(
     point = world_point(contacts.world_from_sensor[frame], fan.azimuth[beam], elevation, critical, fan.cone)
     depth = read_free_depth(grid, free_depth, owner, point, model.reach)
     held = read_log_odds(grid, log_odds, owner, point, reading.low, reading.high)
-    return doubt(model, depth, least) * occupancy(held)
+    return doubt(model, depth, least) * wp.exp(model.odds_power * held)
 
 
 @wp.func
@@ -184,7 +190,9 @@ def estimate_arcs_kernel(
         lowest -= 1 - side
         highest += side
     likely = hypothesis(fan, likeliest, hypotheses)
-    common = NORMAL_INTERVAL * model.registration
+    # An end of the beam bounds the interval by the imaging sonar alone, however it is mounted.
+    bounded = lowest == 0 or highest == hypotheses - 1
+    common = wp.where(bounded, 0.0, NORMAL_INTERVAL * model.registration)
     down = likely - hypothesis(fan, lowest, hypotheses) + 0.5 * step
     up = hypothesis(fan, highest, hypotheses) + 0.5 * step - likely
     estimates_out.elevation_low[frame, beam] = likely - wp.sqrt(down * down + common * common)
@@ -238,8 +246,9 @@ def estimate_arcs(
     for name in ("reach", "deviation", "sharpness"):
         if not getattr(model, name) > 0.0:
             raise ValueError(f"model.{name}: must be above 0, got {getattr(model, name)}")
-    if not model.registration >= 0.0:
-        raise ValueError(f"model.registration: must be at least 0, got {model.registration}")
+    for name in ("odds_power", "registration"):
+        if not getattr(model, name) >= 0.0:
+            raise ValueError(f"model.{name}: must be at least 0, got {getattr(model, name)}")
     if hypotheses < 1:
         raise ValueError(f"hypotheses: {hypotheses}, must be at least 1")
     check_reading(reading)

@@ -1,7 +1,6 @@
-"""How many of a cloud's points share a place, and which of them stand apart: isolated ones and the fringe of a crowd.
+"""How many of a cloud's points share a place, and which of them stand apart.
 
-Frames a few millimetres apart hit one edge again and again; what scatters around it is an error, since the edge itself
-is elsewhere. A point stands apart where its surroundings hold too few points, or few beside the crowd next to it.
+Frames a few millimetres apart meet one surface again and again; what few of them met is an error.
 """
 
 from typing import Any
@@ -14,17 +13,6 @@ from sonarwarp_kernels.launch import check_array, launch
 from sonarwarp_kernels.specs import Grid
 
 wp.set_module_options({"enable_backward": False})
-
-# How far off a crowd counts, in cells.
-CROWD_STEP = wp.constant(2)
-
-
-@wp.struct
-class Crowd:
-    """Which points stand apart."""
-
-    least: int  # fewest points in the 27 cells around a point that stays, itself included
-    share: float  # fewest of them over the most around a place two cells off
 
 
 @wp.func
@@ -95,10 +83,10 @@ def count_points(
 def drop_strays_kernel(
     first: int,
     grid: Grid,
-    crowd: Crowd,
     trajectory: wp.array(dtype=int),  # [frame]
     point: wp.array2d(dtype=wp.vec3),  # [frame, beam]
     count: wp.array4d(dtype=int),  # [trajectory, x, y, z]
+    least: int,
     quality_out: wp.array2d(dtype=int),  # [frame, beam]
 ):
     index, beam = wp.tid()
@@ -106,23 +94,17 @@ def drop_strays_kernel(
     if quality_out[frame, beam] == QUALITY_NONE:
         return
     owner = trajectory[frame]
-    size = grid.size[owner]
     cell = cell_of(grid, owner, point[frame, beam])
-    own = points_around(count, size, owner, cell)
-    most = own
-    for place in range(27):
-        step = wp.vec3i(place % 3 - 1, (place // 3) % 3 - 1, place // 9 - 1)
-        most = wp.max(most, points_around(count, size, owner, cell + CROWD_STEP * step))
-    if own < crowd.least or float(own) < crowd.share * float(most):
+    if points_around(count, grid.size[owner], owner, cell) < least:
         quality_out[frame, beam] = QUALITY_NONE
 
 
 def drop_strays(
     grid: Grid,
-    crowd: Crowd,
     trajectory: wp.array,
     point: wp.array,
     count: wp.array,
+    least: int,
     quality_out: wp.array,
     *,
     device: Any = None,
@@ -132,10 +114,10 @@ def drop_strays(
 
     Args:
         grid: cells.
-        crowd: what stands apart.
         trajectory: owner of each frame, shape [frame].
         point: world [m], shape [frame, beam].
         count: points in each cell (:func:`count_points`), shape [trajectory, x, y, z].
+        least: fewest points in the 27 cells around a point that stays, itself included.
         quality_out: becomes ``QUALITY_NONE`` where a point stands apart, int32, shape [frame, beam].
         device: device of all arrays.
         threads: CPU threads.
@@ -145,7 +127,7 @@ def drop_strays(
     """
     device = wp.get_device(device)
     shape = _check(grid, trajectory, "quality_out", quality_out, point, "count", count, device)
-    launch(drop_strays_kernel, shape, [grid, crowd, trajectory, point, count], [quality_out], device, threads)
+    launch(drop_strays_kernel, shape, [grid, trajectory, point, count, least], [quality_out], device, threads)
 
 
 def _check(

@@ -7,7 +7,9 @@ its narrow beam, all at one range. Where across its wide fan that face stands, t
 - Places of the footprint's sheet in proven water are not it; this keeps the nearer of two objects from lending its face
   to the other. Where a nearer footprint of the same ping may be solid, the further one is hidden; this keeps the
   further object from lending its own. Nor does the ray to a face run under contacts.
-- A face stands under contacts of the imaging sonar, a little before or behind; it ends at their height.
+- A face stands under contacts of the imaging sonar, a little before or behind; it ends at their height. Contacts
+  further before it stand on the object as well, and under them it does not go on: a level top, compact where it is met
+  steeply, has no faces in it.
 
 At each place a robust line, run over height, goes through the footprints of other pings there, so that a face appears
 as inclined as it is. The patch is that line over the height of the beam.
@@ -87,6 +89,18 @@ def highest_along(
         height = top_height(grid, top, owner, point + away * ahead)
         if away <= model.behind or height - point[2] > STEEP * away:
             highest = wp.max(highest, height)
+    return highest
+
+
+@wp.func
+def highest_before(
+    grid: Grid, model: FrontModel, top: wp.array3d(dtype=int), owner: int, point: wp.vec3, ahead: wp.vec3
+) -> float:
+    """Highest contact that stands before a face, too far to be its upper edge."""
+    highest = float(NO_HEIGHT)
+    for step in range(1, int(wp.ceil((model.behind - model.before) / grid.cell)) + 1):
+        away = model.before + float(step) * grid.cell
+        highest = wp.max(highest, top_height(grid, top, owner, point - away * ahead))
     return highest
 
 
@@ -270,13 +284,19 @@ def find_fronts_kernel(
             variance = sum_rr / total
     if members < 2 or wp.abs(place) > 2.0 * model.deviation:
         return
+    low = wp.max(axis_height - half_height, ground + 0.5 * model.least_height)
+    high = wp.min(axis_height + half_height, ceiling)
+    foot = point + place * ahead + (low - point[2]) * run * ahead
+    inside = highest_before(grid, model, top, owner, foot, ahead) - model.clearance
+    # Within a level top no more is left than its contacts scatter.
+    if inside > low and high - inside < model.clearance + model.spacing:
+        return
+    low = wp.max(low, inside)
     fronts_out.found[ping, which, column] = 1
     fronts_out.point[ping, which, column] = point + place * ahead
     fronts_out.run[ping, which, column] = run * ahead + wp.vec3(0.0, 0.0, 1.0)
-    fronts_out.low[ping, which, column] = (
-        wp.max(axis_height - half_height, ground + 0.5 * model.least_height) - point[2]
-    )
-    fronts_out.high[ping, which, column] = wp.min(axis_height + half_height, ceiling) - point[2]
+    fronts_out.low[ping, which, column] = low - point[2]
+    fronts_out.high[ping, which, column] = high - point[2]
     fronts_out.deviation[ping, which, column] = model.deviation * wp.sqrt(wp.max(variance, 0.01))
 
 

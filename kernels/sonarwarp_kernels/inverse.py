@@ -5,6 +5,7 @@ without any footprint says nothing unless told otherwise, because a weak echo th
 
 A beam of finite width sees an oblique surface over a stretch of range: its deeper edge meets it first. Where a
 footprint is wider than a wall's could be, the occupied ridge follows that tilt across the beam instead of filling it.
+A model may hold such ridges too vague to count as occupied; what lies in front of them is free all the same.
 """
 
 import math
@@ -23,6 +24,7 @@ class ProfileModel:
     hit: float  # log-odds added at a footprint's ridge on the beam's axis
     miss: float  # log-odds added in front of the first footprint on the beam's axis; negative
     no_return: float  # log-odds added along the whole beam of a ping without any footprint; at most 0
+    compact: float  # most spread of a footprint that is occupied, over the width of the beam there
     half_width: float  # half the beamwidth in the scan plane [rad]
     half_fan: float  # half the beamwidth across it [rad]
     range_deviation: float  # deviation of a ridge along range [m]
@@ -39,6 +41,8 @@ def check_model(model: ProfileModel) -> None:
         value = getattr(model, name)
         if not 0.0 < value <= most:
             raise ValueError(f"model.{name}: must be above 0 and at most {most:g}, got {value:g}")
+    if not model.compact >= 0.0:
+        raise ValueError(f"model.compact: must be at least 0, got {model.compact:g}")
 
 
 @wp.struct
@@ -50,6 +54,7 @@ class Ridge:
     far: float  # 90 % point [m]
     tilt: float  # change of the crossing over one beamwidth [m]
     deviation: float  # along range [m]
+    hit: float  # log-odds added on it on the beam's axis
 
 
 @wp.func
@@ -68,6 +73,7 @@ def ridge_of(model: ProfileModel, footprint: wp.vec3) -> Ridge:
     ridge.centre = footprint[1]
     ridge.far = footprint[2]
     ridge.tilt = flatness * spread
+    ridge.hit = wp.where(spread <= model.compact * wall, model.hit, 0.0)
     # A uniform spread s has deviation s / sqrt(12); a tilted ridge has taken that up.
     ridge.deviation = model.range_deviation + 0.28867513 * (1.0 - flatness) * spread
     return ridge
@@ -92,8 +98,8 @@ def ridge_evidence(model: ProfileModel, ridge: Ridge, nearest: bool, distance: f
         return 0.0
     share = wp.exp(-0.5 * away * away)
     if nearest and away < 0.0:
-        return share * model.hit + (1.0 - share) * model.miss
-    return share * model.hit
+        return share * ridge.hit + (1.0 - share) * model.miss
+    return share * ridge.hit
 
 
 @wp.struct

@@ -1,7 +1,6 @@
 """What both fields say of one arc, in float64: weights of all hypotheses and their moments."""
 
 import numpy as np
-from scipy import special
 
 from tests.reference import free_depth
 from tests.reference.field import read_log_odds
@@ -9,7 +8,8 @@ from tests.reference.geometry import direction
 
 
 def weights(world, frame: int, beam: int, cells, number: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Elevations, world positions and weights of hypotheses: occupied, and hardly more free than the arc's least.
+    """Elevations, world positions and weights of hypotheses: occupied by a power of the odds, and hardly more free than
+    the arc's least.
 
     Free depths under what counts as proven are all alike.
     """
@@ -23,7 +23,8 @@ def weights(world, frame: int, beam: int, cells, number: int) -> tuple[np.ndarra
     away = np.clip(depth - least, 0.0, None) / world.doubt["deviation"]
     counts = world.counts[owner][: size[0], : size[1], : size[2]]
     held = read_log_odds(counts, origin, float(np.float32(world.cell)), where, world.low, world.high)
-    return elevation, where, np.exp(-np.minimum(away**2 / 2, 8.0)) * special.expit(held)
+    odds = np.exp(world.doubt["odds_power"] * held)
+    return elevation, where, np.exp(-np.minimum(away**2 / 2, 8.0)) * odds
 
 
 def moments(world, frame: int, beam: int, cells, number: int) -> dict[str, np.ndarray]:

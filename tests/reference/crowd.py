@@ -14,20 +14,11 @@ def counts(cells: np.ndarray, size) -> np.ndarray:
     return np.bincount(index, minlength=int(np.prod(size))).reshape(tuple(size))
 
 
-def crowds(cells: np.ndarray, size) -> tuple[np.ndarray, np.ndarray]:
-    """For every point: how many lie at most a cell away along each axis, and the most around a place two cells off.
+def stays(cells: np.ndarray, size, least: int) -> np.ndarray:
+    """Which points have enough others, themselves included, at most a cell away along each axis.
 
     Only points inside of the box are counted; all are asked.
     """
     inside = cells[np.all((cells >= 0) & (cells < size), axis=1)]
-    away = inside[None] - cells[:, None]
-    steps = 2 * np.stack(np.meshgrid(*[[-1, 0, 1]] * 3), axis=-1).reshape(-1, 3)
-    around = np.array([np.sum(np.max(np.abs(away - step), axis=-1) <= 1, axis=1) for step in steps])
-    own = np.sum(np.max(np.abs(away), axis=-1) <= 1, axis=1)
-    return own, around.max(axis=0)
-
-
-def stays(cells: np.ndarray, size, least: int, share: float) -> np.ndarray:
-    """Which points do not stand apart."""
-    own, most = crowds(cells, size)
-    return (own >= least) & (own >= share * most)
+    away = np.abs(inside[None] - cells[:, None]).max(axis=-1)
+    return np.sum(away <= 1, axis=1) >= least

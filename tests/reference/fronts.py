@@ -58,6 +58,12 @@ def ceiling(model: Any, box: Box, point: np.ndarray, ahead: np.ndarray) -> float
     return max(h for h, step in zip(heights, away, strict=True) if step <= model.behind or h - point[2] > 1.2 * step)
 
 
+def before(model: Any, box: Box, foot: np.ndarray, ahead: np.ndarray) -> float:
+    """Highest contact before a face's foot, further off than its upper edge's may be, minus infinity without one."""
+    steps = np.arange(1, np.ceil((model.behind - model.before) / box.cell) + 1) * box.cell
+    return max((box.height(foot - (model.before + step) * ahead) for step in steps), default=-np.inf)
+
+
 def vertical(ray: np.ndarray) -> np.ndarray:
     """Unit vector across a ray, upwards in its vertical plane."""
     level = np.hypot(ray[0], ray[1])
@@ -153,10 +159,16 @@ def patch(model: Any, box: Box, pings: list, ping: int, which: int, angle: float
     if abs(place) > 2 * model.deviation:
         return None
     variance = np.average(residual**2, weights=weight)
+    low, high = max(axis[2] - half, seabed + model.least_height / 2), min(axis[2] + half, top)
+    foot = point + (place + (low - point[2]) * run) * ahead
+    inside = before(model, box, foot, ahead) - model.clearance
+    if low < inside and high - inside < model.clearance + model.spacing:
+        return None
+    low = max(low, inside)
     return {
         "point": point + place * ahead,
         "run": run * ahead + [0, 0, 1],
-        "low": max(axis[2] - half, seabed + model.least_height / 2) - point[2],
-        "high": min(axis[2] + half, top) - point[2],
+        "low": low - point[2],
+        "high": high - point[2],
         "deviation": model.deviation * np.sqrt(max(variance, 0.01)),
     }
