@@ -246,7 +246,7 @@ def test_a_flat_seabed_is_no_face(device):
         pings.append(replace(ping, footprints=[tuple(1.8 / np.sin(angle))], seabed=-1.0))
     bare = with_depth(replace(scene, pings=pings, top=np.full(scene.top.shape, 100)), -0.1)
     assert not any_found(device, bare, clearance=9.0)
-    assert any_found(device, bare, clearance=9.0, compact=3.0)
+    assert any_found(device, bare, clearance=9.0, compact=3.0, behind=MODEL["before"])
 
 
 def test_a_level_top_has_no_faces_in_it(device):
@@ -335,7 +335,7 @@ def oracle(scene, columns, **changed):
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_random_scenes_match_the_oracle(device, seed):
     scene = random_scene(seed)
-    changed = {"spacing": 0.08, "clearance": 0.15}
+    changed = {"spacing": 0.04, "clearance": 0.15, "behind": 0.08}
     got = find(device, scene, columns=13, **changed)
     want = oracle(scene, 13, **changed)
     found = {key for key, patch in want.items() if patch}

@@ -289,7 +289,7 @@ def find_fronts_kernel(
     foot = point + place * ahead + (low - point[2]) * run * ahead
     inside = highest_before(grid, model, top, owner, foot, ahead) - model.clearance
     # Within a level top no more is left than its contacts scatter.
-    if inside > low and high - inside < model.clearance + model.spacing:
+    if high - inside < model.clearance + model.spacing:
         return
     low = wp.max(low, inside)
     fronts_out.found[ping, which, column] = 1

@@ -162,7 +162,7 @@ def patch(model: Any, box: Box, pings: list, ping: int, which: int, angle: float
     low, high = max(axis[2] - half, seabed + model.least_height / 2), min(axis[2] + half, top)
     foot = point + (place + (low - point[2]) * run) * ahead
     inside = before(model, box, foot, ahead) - model.clearance
-    if low < inside and high - inside < model.clearance + model.spacing:
+    if high - inside < model.clearance + model.spacing:
         return None
     low = max(low, inside)
     return {
