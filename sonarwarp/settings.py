@@ -180,7 +180,7 @@ class RangeMixture:
 class FreeSpace:
     """Water that the imaging sonar proves empty, and contacts placed by it. Ours: the paper has no such step.
 
-    The defaults were chosen on the brick and on pairs of wedges, with and without noise, three seeds each.
+    The defaults were chosen on fifteen runs of the brick, eleven of wedges and three of meshes, with and without noise.
     """
 
     reach: float = 0.1
