@@ -95,26 +95,21 @@ class Frustum:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sphere:
-    """A sphere buried in part, or resting on the seabed.
-
-    Raises:
-        ValueError: a radius that is not positive, or a centre at or under ``-radius`` or over ``radius``.
-    """
+class _Circular:
+    """What has a circle for its central section, buried in part or resting on the seabed."""
 
     radius: float
     """Radius [m]."""
 
     centre_height: float
-    """Height of the centre over the base plane [m]: 0 buries the sphere to its equator, ``radius`` rests it."""
+    """Height of the circle's centre over the base plane [m]: 0 buries half of it, ``radius`` rests it."""
 
     def __post_init__(self) -> None:
-        _check_circle(self.radius, self.centre_height)
-
-    @property
-    def width(self) -> float:
-        """Extent along y over the base plane [m]."""
-        return self.depth
+        check_positive("radius", self.radius)
+        check_finite("centre_height", self.centre_height)
+        if not -self.radius < self.centre_height <= self.radius:
+            bounds = f"must be over {-self.radius} m and at most {self.radius} m"
+            raise ValueError(f"centre_height: {self.centre_height} m, {bounds}")
 
     @property
     def height(self) -> float:
@@ -123,8 +118,8 @@ class Sphere:
 
     @property
     def depth(self) -> float:
-        """Extent along x over the base plane [m]."""
-        return 2.0 * _half_chord(self.radius, self.centre_height)
+        """Extent along x over the base plane [m]: the circle's widest part there."""
+        return 2.0 * math.sqrt(self.radius * self.radius - self._under * self._under)
 
     @property
     def front_slope_deg(self) -> None:
@@ -133,8 +128,39 @@ class Sphere:
 
     @property
     def sectional_area(self) -> float:
-        """Area of the central section under its upper arc [m2]."""
-        return _area_under_arc(self.radius, self.centre_height)
+        """Area of the central section under its upper arc [m2]: a segment of the circle, or half on a rectangle."""
+        segment = self.radius * self.radius * math.acos(-self._under / self.radius) + 0.5 * self.depth * self._under
+        return segment + self.depth * max(self.centre_height, 0.0)
+
+    def outline(self) -> np.ndarray:
+        """Corners of the central section, front to back: x from the foremost place and z [m], shape [corner, 2].
+
+        The upper arc, from a foot to a foot where it does not end there.
+        """
+        half = 0.5 * self.depth
+        last = math.acos(-self._under / self.radius)
+        angle = np.linspace(-last, last, SEGMENTS // 2 + 1)
+        arc = np.column_stack([half + self.radius * np.sin(angle), self.centre_height + self.radius * np.cos(angle)])
+        return np.concatenate([[[0.0, 0.0]], arc, [[self.depth, 0.0]]])
+
+    @property
+    def _under(self) -> float:
+        """Height of a buried centre, 0 for one over the base plane [m]."""
+        return min(self.centre_height, 0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sphere(_Circular):
+    """A sphere buried in part, or resting on the seabed.
+
+    Raises:
+        ValueError: a radius that is not positive, or a centre at or under ``-radius`` or over ``radius``.
+    """
+
+    @property
+    def width(self) -> float:
+        """Extent along y over the base plane [m]."""
+        return self.depth
 
     @property
     def volume(self) -> float:
@@ -142,10 +168,6 @@ class Sphere:
         over = max(self.centre_height, 0.0)
         cap = self.height - over
         return math.pi * (cap * cap * (self.radius - cap / 3.0) + self.radius * self.radius * over)
-
-    def outline(self) -> np.ndarray:
-        """Corners of the central section, front to back: x from the foremost place and z [m], shape [corner, 2]."""
-        return _arc(self.radius, self.centre_height)
 
     def edges(self) -> list[np.ndarray]:
         """Lines to draw it by, in the frame of :meth:`scene` [m], shape [corner, 3] each: widest ring and meridians."""
@@ -164,25 +186,19 @@ class Sphere:
 
 
 @dataclass(frozen=True, kw_only=True)
-class LyingCylinder:
+class LyingCylinder(_Circular):
     """A cylinder that lies across the run, its axis along y, buried in part or resting on the seabed.
 
     Raises:
         ValueError: a radius or length that is not positive, or a centre at or under ``-radius`` or over ``radius``.
     """
 
-    radius: float
-    """Radius [m]."""
-
     length: float
     """Extent along y [m]."""
 
-    centre_height: float
-    """Height of the axis over the base plane [m]: 0 buries half of it, ``radius`` rests it."""
-
     def __post_init__(self) -> None:
         check_positive("length", self.length)
-        _check_circle(self.radius, self.centre_height)
+        super().__post_init__()
 
     @property
     def width(self) -> float:
@@ -190,33 +206,9 @@ class LyingCylinder:
         return self.length
 
     @property
-    def height(self) -> float:
-        """Height of the top over the base plane [m]."""
-        return self.radius + self.centre_height
-
-    @property
-    def depth(self) -> float:
-        """Extent along x over the base plane [m]."""
-        return 2.0 * _half_chord(self.radius, self.centre_height)
-
-    @property
-    def front_slope_deg(self) -> None:
-        """None: the front is no plane."""
-        return None
-
-    @property
-    def sectional_area(self) -> float:
-        """Area of the section under its upper arc [m2]."""
-        return _area_under_arc(self.radius, self.centre_height)
-
-    @property
     def volume(self) -> float:
         """Volume under the upper surface [m3]."""
         return self.sectional_area * self.length
-
-    def outline(self) -> np.ndarray:
-        """Corners of the section, front to back: x from the foremost place and z [m], shape [corner, 2]."""
-        return _arc(self.radius, self.centre_height)
 
     def edges(self) -> list[np.ndarray]:
         """Lines to draw it by, in the frame of :meth:`scene` [m], shape [corner, 3] each: both ends and the ridge."""
@@ -232,35 +224,6 @@ class LyingCylinder:
         """
         body = solids.cylinder(self.length, self.radius, self.radius, "Y", SEGMENTS)
         return _scene(body, (0.5 * self.depth, 0.0, self.centre_height), impedance)
-
-
-def _check_circle(radius: float, centre_height: float) -> None:
-    check_positive("radius", radius)
-    check_finite("centre_height", centre_height)
-    if not -radius < centre_height <= radius:
-        raise ValueError(f"centre_height: {centre_height} m, must be over {-radius} m and at most {radius} m")
-
-
-def _half_chord(radius: float, centre_height: float) -> float:
-    """Half the widest part of a circle over the base plane."""
-    under = min(centre_height, 0.0)
-    return math.sqrt(radius * radius - under * under)
-
-
-def _area_under_arc(radius: float, centre_height: float) -> float:
-    """A segment of the circle, or half of it on a rectangle."""
-    under, over = min(centre_height, 0.0), max(centre_height, 0.0)
-    half = _half_chord(radius, centre_height)
-    return radius * radius * math.acos(-under / radius) + half * under + 2.0 * half * over
-
-
-def _arc(radius: float, centre_height: float) -> np.ndarray:
-    """The upper arc from the front to the back, from a foot to a foot where it does not end there."""
-    half = _half_chord(radius, centre_height)
-    last = math.acos(-min(centre_height, 0.0) / radius)
-    angle = np.linspace(-last, last, SEGMENTS // 2 + 1)
-    arc = np.column_stack([half + radius * np.sin(angle), centre_height + radius * np.cos(angle)])
-    return np.concatenate([[[0.0, 0.0]], arc, [[2.0 * half, 0.0]]])
 
 
 def _in_section(outline: np.ndarray, y: float = 0.0) -> np.ndarray:
