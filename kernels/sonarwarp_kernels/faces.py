@@ -6,7 +6,7 @@ import warp as wp
 
 from sonarwarp_kernels.geometry import beam_direction
 from sonarwarp_kernels.launch import check_array
-from sonarwarp_kernels.profile import NO_FOOTPRINT
+from sonarwarp_kernels.profile import NO_FOOTPRINT, is_compact
 from sonarwarp_kernels.specs import Grid
 
 wp.set_module_options({"enable_backward": False})
@@ -46,9 +46,7 @@ class Profiles:
 @wp.func
 def is_face(model: FrontModel, footprint: wp.vec3) -> bool:
     """Whether a footprint is as compact in range as a face's within the beam."""
-    # 10 % to 90 % of a uniform spread is 0.8 of it.
-    spread = 1.25 * (footprint[2] - footprint[0])
-    return footprint[0] != NO_FOOTPRINT and spread < model.compact * 2.0 * model.half_width * footprint[1]
+    return footprint[0] != NO_FOOTPRINT and is_compact(footprint, model.half_width, model.compact)
 
 
 @wp.func

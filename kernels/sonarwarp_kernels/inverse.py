@@ -12,7 +12,7 @@ import math
 
 import warp as wp
 
-from sonarwarp_kernels.profile import NO_FOOTPRINT
+from sonarwarp_kernels.profile import NO_FOOTPRINT, footprint_spread, is_compact
 
 wp.set_module_options({"enable_backward": False})
 
@@ -65,15 +65,14 @@ def ridge_of(model: ProfileModel, footprint: wp.vec3) -> Ridge:
     taken as crossing every ray at one range; flatter surfaces are crossed later by shallower rays.
     """
     ridge = Ridge()
-    # 10 % to 90 % of a uniform spread is 0.8 of it.
-    spread = 1.25 * (footprint[2] - footprint[0])
+    spread = footprint_spread(footprint)
     wall = 2.0 * model.half_width * footprint[1]
     flatness = wp.clamp(spread / wall - 1.0, 0.0, 1.0)
     ridge.near = footprint[0]
     ridge.centre = footprint[1]
     ridge.far = footprint[2]
     ridge.tilt = flatness * spread
-    ridge.hit = wp.where(spread <= model.compact * wall, model.hit, 0.0)
+    ridge.hit = wp.where(is_compact(footprint, model.half_width, model.compact), model.hit, 0.0)
     # A uniform spread s has deviation s / sqrt(12); a tilted ridge has taken that up.
     ridge.deviation = model.range_deviation + 0.28867513 * (1.0 - flatness) * spread
     return ridge

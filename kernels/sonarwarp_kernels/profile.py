@@ -21,6 +21,18 @@ NO_FOOTPRINT = wp.constant(-1.0)
 """Range that marks an unused footprint."""
 
 
+@wp.func
+def footprint_spread(footprint: wp.vec3) -> float:
+    """Extent along range of what left a footprint, were it spread evenly: 10 % to 90 % is 0.8 of that [m]."""
+    return 1.25 * (footprint[2] - footprint[0])
+
+
+@wp.func
+def is_compact(footprint: wp.vec3, half_width: float, most: float) -> bool:
+    """Whether a footprint spreads over less than ``most`` of the width of its beam there."""
+    return footprint_spread(footprint) < most * 2.0 * half_width * footprint[1]
+
+
 @wp.struct
 class ProfileDetector:
     """What counts as a return in a profile."""

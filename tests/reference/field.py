@@ -40,7 +40,7 @@ def ping_log_odds(points, model, position, orientation, footprints) -> np.ndarra
         tilt, deviation = ridge(model, near, centroid, far)
         away = (distance - centroid - offset * tilt / 2) / deviation
         share = np.where(np.abs(away) <= 4, np.exp(-(away**2) / 2), 0.0)
-        if (far - near) / 0.8 <= model.compact * 2 * model.half_width * centroid:
+        if (far - near) / 0.8 < model.compact * 2 * model.half_width * centroid:
             total += share * model.hit
         if order == 0:
             total += np.where(away < 0, (1.0 - share) * model.miss, 0.0)
