@@ -63,18 +63,31 @@ def upwards(origin: wp.vec3, point: wp.vec3) -> wp.vec3:
 
 
 @wp.func
+def heights_on_face(model: FrontModel, origin: wp.vec3, point: wp.vec3, ground: float, ceiling: float) -> wp.vec2:
+    """Heights [m] between which a footprint's beam meets a face; the second is the lower one where it misses."""
+    half = model.half_width * wp.length(point - origin) * upwards(origin, point)[2]
+    return wp.vec2(wp.max(point[2] - half, ground), wp.min(point[2] + half, ceiling))
+
+
+@wp.func
 def middle_of_face(model: FrontModel, origin: wp.vec3, point: wp.vec3, ground: float, ceiling: float) -> wp.vec3:
     """Where a footprint's echo comes from: of a beam that reaches into the ground or over the face, the middle between.
 
     The range stays, so that a place lower down lies nearer to the head along the way.
     """
-    up = upwards(origin, point)
-    half = model.half_width * wp.length(point - origin) * up[2]
-    low = wp.max(point[2] - half, ground)
-    high = wp.min(point[2] + half, ceiling)
-    if high <= low:
+    heights = heights_on_face(model, origin, point, ground, ceiling)
+    if heights[1] <= heights[0]:
         return point
-    return point + (0.5 * (low + high) - point[2]) / up[2] * up
+    up = upwards(origin, point)
+    return point + (0.5 * (heights[0] + heights[1]) - point[2]) / up[2] * up
+
+
+@wp.func
+def share_on_face(model: FrontModel, origin: wp.vec3, point: wp.vec3, ground: float, ceiling: float) -> float:
+    """Share of a footprint's beam that meets a face, 0 where it misses: the rest bends its range."""
+    heights = heights_on_face(model, origin, point, ground, ceiling)
+    width = 2.0 * model.half_width * wp.length(point - origin) * upwards(origin, point)[2]
+    return wp.max(heights[1] - heights[0], 0.0) / width
 
 
 @wp.func

@@ -26,6 +26,7 @@ from sonarwarp_kernels.faces import (
     fan_angle_of,
     is_face,
     middle_of_face,
+    share_on_face,
     sheet_point,
     upwards,
 )
@@ -257,14 +258,15 @@ def find_fronts_kernel(
                     x = wp.dot(away, ahead)
                     h = away[2]
                     near = wp.abs(x) < model.window_along and wp.abs(h) < model.window_height
-                    if near and point[2] + h > ground + 0.5 * model.least_height:
+                    share = share_on_face(model, origin, place_seen, ground, ceiling)
+                    if near and share > 0.0 and point[2] + h > ground + 0.5 * model.least_height:
                         depth = read_free_depth(grid, free_depth, owner, point + away, model.reach)
                         if depth < model.in_doubt and not is_hidden(
                             grid, model, profiles, free_depth, neighbour, member, angle
                         ):
                             residual = (x - place - run * h) / model.deviation
                             near_height = h / (0.6 * model.window_height)
-                            weight = wp.exp(-0.5 * near_height * near_height)
+                            weight = share * wp.exp(-0.5 * near_height * near_height)
                             if round > 0:
                                 weight /= 1.0 + residual * residual
                             members += 1

@@ -70,15 +70,17 @@ def vertical(ray: np.ndarray) -> np.ndarray:
     return np.array([-ray[0] * ray[2] / level, -ray[1] * ray[2] / level, level]) / np.linalg.norm(ray)
 
 
-def middle(model: Any, head: np.ndarray, point: np.ndarray, ground: float, top: float) -> np.ndarray:
+def middle(model: Any, head: np.ndarray, point: np.ndarray, ground: float, top: float) -> tuple[np.ndarray, float]:
     """Middle of what the beam about ``point`` sees of a face between ``ground`` and ``top``, at the same range.
 
-    The beam's width stands across its ray, in the vertical plane.
+    And the share of the beam that does. The beam's width stands across its ray, in the vertical plane.
     """
     up = vertical(point - head)
     half = model.half_width * np.linalg.norm(point - head) * up[2]
     low, high = max(point[2] - half, ground), min(point[2] + half, top)
-    return point + up * (0.5 * (low + high) - point[2]) / up[2] if high > low else point
+    if high <= low:
+        return point, 0.0
+    return point + up * (0.5 * (low + high) - point[2]) / up[2], (high - low) / (2 * half)
 
 
 def covered(model: Any, box: Box, position: np.ndarray, point: np.ndarray) -> bool:
@@ -128,7 +130,7 @@ def patch(model: Any, box: Box, pings: list, ping: int, which: int, angle: float
     half = model.half_width * footprint[1]
     if point[2] - half > top or point[2] < seabed + model.least_height:
         return None
-    axis, point = point, middle(model, position, point, seabed, top)
+    axis, (point, _) = point, middle(model, position, point, seabed, top)
     if box.depth(point, model.reach) > model.in_doubt:
         return None
     if covered(model, box, position, point) or hidden(model, box, pings[ping], which, angle):
@@ -140,17 +142,17 @@ def patch(model: Any, box: Box, pings: list, ping: int, which: int, angle: float
             if is_face(model, other) and abs(aside) < other[1] * np.sin(model.half_fan):
                 turn = np.arcsin(aside / other[1])
                 seen = on_sheet(other_position, other_orientation, other[1], turn)
-                seen = middle(model, other_position, seen, seabed, top)
+                seen, share = middle(model, other_position, seen, seabed, top)
                 along, height = (seen - point) @ ahead, (seen - point)[2]
                 near = abs(along) < model.window_along and abs(height) < model.window_height
                 high = seen[2] > seabed + model.least_height / 2
                 solid = box.depth(seen, model.reach) < model.in_doubt
-                if near and high and solid and not hidden(model, box, pings[number], order, turn):
-                    members.append((height, along))
+                if near and high and solid and share > 0 and not hidden(model, box, pings[number], order, turn):
+                    members.append((height, along, share))
     if len(members) < 2:
         return None
-    height, along = np.array(members).T
-    closeness = np.exp(-0.5 * (height / (0.6 * model.window_height)) ** 2)
+    height, along, share = np.array(members).T
+    closeness = share * np.exp(-0.5 * (height / (0.6 * model.window_height)) ** 2)
     weight, place, run = closeness, 0.0, 0.0
     for number in range(4):
         residual = (along - place - run * height) / model.deviation
