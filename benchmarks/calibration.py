@@ -42,8 +42,8 @@ EVERY = 10
 KINDS = ("top", "front", "fallback")
 """Classes of points, in the order of the table."""
 
-# Named in rows where all experiments are drawn together.
-_ALL = "all"
+ALL = "all"
+"""Experiment in rows where all are drawn together."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -92,7 +92,7 @@ def measure(cases: Sequence[Case], *, seeds: Sequence[int], device: str, watch: 
         every += judged
         names = {"experiment": case.name, "object": case.object, "deployment": case.arrangement}
         measured += _rows(judged, names, len(seeds), device)
-    return measured + _rows(every, {"experiment": _ALL, "object": None, "deployment": None}, len(seeds), device)
+    return measured + _rows(every, {"experiment": ALL, "object": None, "deployment": None}, len(seeds), device)
 
 
 def judge(run: Run, watch: Watch) -> Judged:
@@ -159,7 +159,7 @@ def join(judged: Sequence[Judged]) -> Judged:
 
 def table(measured: Sequence[dict[str, Any]]) -> str:
     """Rows over all cases as a table, a class of points a line."""
-    pooled = {row["kind"]: row for row in measured if row["experiment"] == _ALL}
+    pooled = {row["kind"]: row for row in measured if row["experiment"] == ALL}
     lines = [
         (kind, str(row["points"]), f"{row['coverage']:.1%}", f"{row['sharpness_deg']:.2f}")
         for kind, row in ((kind, pooled[kind]) for kind in KINDS if kind in pooled)

@@ -21,7 +21,7 @@ from benchmarks.run import machine
 from benchmarks.tables import markdown, prepare, write_json
 from sonarwarp.app.experiment import run_batch
 from sonarwarp.app.paper_cases import Case
-from sonarwarp.app.paper_summary import summarise
+from sonarwarp.app.paper_summary import Summary, summarise
 from sonarwarp.app.progress import Watch, show_progress
 from sonarwarp.app.rows import evaluate_objects, evaluate_seen, object_rows
 from sonarwarp_scenes import Frustum, LyingCylinder, Shape, Sphere, Wedge, object_deployment
@@ -133,11 +133,18 @@ def measure(cases: Sequence[Case], *, seeds: Sequence[int], device: str, watch: 
 
 def table(measured: Sequence[dict[str, Any]]) -> str:
     """Means over the seeds, a case and method a line."""
-    lines = []
-    for summary in summarise(measured):
-        means = [summary.mean(name) for name in FIGURES]
-        lines.append((summary.object, summary.method, *("none" if mean is None else f"{mean:.3f}" for mean in means)))
+    lines = [
+        (summary.object, summary.method, *(_cell(summary, name) for name in FIGURES)) for summary in summarise(measured)
+    ]
     return markdown(("Object and run", "Method", "Slope error", "Area error", "Volume error"), lines)
+
+
+def _cell(summary: Summary, key: str) -> str:
+    """Mean error, and how many seeds have none where others do."""
+    mean, missing = summary.mean(key), summary.missing(key)
+    if mean is None:
+        return "none"
+    return f"{mean:.3f}" + (f" ({missing} of {len(summary.figures[key])} none)" if missing else "")
 
 
 if __name__ == "__main__":

@@ -21,6 +21,8 @@ import typer
 from rich.console import Console
 
 import sonarwarp as sw
+from benchmarks import tables
+from benchmarks.run import machine
 from sonarwarp.app import mesh_panels
 from sonarwarp.app.page import Page
 from sonarwarp.app.paper_printed import slope_limit_deg
@@ -79,10 +81,13 @@ def main(
     picture: Annotated[Path | None, typer.Option(help="PNG of one mesh and its clouds to write.")] = None,
     pictured: Annotated[str, typer.Option(help="File of the mesh in the picture.")] = MESHES[0].file,
     seed: Annotated[int, typer.Option(min=0, help="Of seabed, noise, motion, navigation and particles.")] = 0,
+    json_file: Annotated[Path | None, typer.Option("--json", help="File for the rows of both tables.")] = None,
 ) -> None:
     """Print accuracy and completeness of clouds of real meshes as Markdown tables."""
     if pictured not in [mesh.file for mesh in MESHES]:
         raise typer.BadParameter(f"{pictured!r} is none of the meshes", param_hint="--pictured")
+    # The commands leave the choice to Warp as well.
+    device = tables.prepare(json_file, None)
     with tempfile.TemporaryDirectory() as scratch, Console(stderr=True).status("starting") as status:
         whole, steep = [], []
         for mesh in MESHES:
@@ -93,6 +98,7 @@ def main(
             steep += judge(mesh, clouds, "--steeper-than", STEEP)
             if picture is not None and mesh.file == pictured:
                 draw(mesh, place, picture)
+    tables.write_json(json_file, [{**row, "seed": seed, **machine(device)} for row in whole + steep])
     print(markdown(whole), f"Steeper than {STEEP} degrees:", markdown(steep), sep="\n\n")
 
 
@@ -144,11 +150,11 @@ def _sonarwarp(*arguments: str) -> str:
 
 def markdown(rows: Sequence[dict[str, Any]]) -> str:
     """Rows as a table of the README."""
-    lines = [("Mesh", "Method", *(heading for heading, _, _ in _COLUMNS)), ("---",) * (2 + len(_COLUMNS))]
+    lines = []
     for row in rows:
         figures = ("null" if row[key] is None else format(row[key], form) for _, key, form in _COLUMNS)
         lines.append((row["title"], row["method"], *figures))
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
+    return tables.markdown(("Mesh", "Method", *(heading for heading, _, _ in _COLUMNS)), lines)
 
 
 def draw(mesh: Mesh, place: Path, path: Path) -> None:

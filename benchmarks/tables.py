@@ -16,8 +16,10 @@ def markdown(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
 
 
-def prepare(json_file: Path | None, device: str) -> str:
-    """The Warp device of a name, once it and the file are known to serve: before the work, not after.
+def prepare(json_file: Path | None, device: str | None) -> str:
+    """The Warp device of a name, Warp's choice where there is none, once it and the file are known to serve.
+
+    Before the work, not after.
 
     Raises:
         SystemExit: no such device, or a file that cannot be written to; one line that says so.

@@ -67,3 +67,13 @@ def test_a_small_case_gives_rows_and_a_table_of_means(device):
     seen = [row for row in measured if row["method"] == "seen"]
     assert max(row["area_error"] for row in seen) < 0.01
     assert max(row["slope_error"] for row in seen) < 0.01
+
+
+def test_the_table_says_how_many_seeds_lack_what_others_have():
+    names = {"experiment": "general", "object": "it", "deployment": None, "which": None, "noise": "field"}
+    rows = [
+        names | {"method": "fused", "seed": seed, "slope_deg": None, "slope_error": slope, "area_error": area}
+        for seed, slope, area in ((0, 0.017, 0.067), (1, None, 0.073))
+    ]
+    (line,) = table([row | {"volume_error": None} for row in rows]).splitlines()[2:]
+    assert line == "| it | fused | 0.017 (1 of 2 none) | 0.070 | none |"
