@@ -43,6 +43,7 @@ STEPS = (
     Step(title="height guard", free_space={"least_height": 0.0}),
     Step(title="sides", free_space={"side_share": 0.0}),
     Step(title="strays", free_space={"stray_points": 0}),
+    Step(title="repeats", free_space={"hit_spacing": 0.0}),
     # A free depth under minus its bound.
     Step(title="faces", faces={"in_doubt": -10.0}),
 )

@@ -1,4 +1,4 @@
-"""The improved estimator: contacts placed by what both sonars prove, strays taken out, faces of the PS added."""
+"""The improved estimator: contacts placed by what both sonars prove, strays and repeats out, faces of the PS added."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from sonarwarp.cloud import PointCloud
 from sonarwarp.clouds import face_cloud
 from sonarwarp.settings import ReconstructionSettings
 from sonarwarp.survey import Survey, group_rows
-from sonarwarp_kernels import arcs, crowd, free_depth, fronts, sides, slots, tops
+from sonarwarp_kernels import arcs, crowd, free_depth, fronts, repeats, sides, slots, tops
 from sonarwarp_kernels.estimate import Estimates
 from sonarwarp_kernels.particles import Contacts, Reading
 from sonarwarp_kernels.specs import Grid
@@ -61,7 +61,9 @@ class Carver:
         self._top = wp.full(shape[:3], tops.NO_TOP, dtype=int, device=device)
         self._level = wp.zeros(contacts.critical_range.shape, dtype=float, device=device)
         self._slot_level = wp.zeros((frame_slots, survey.rig.fls.beams), dtype=float, device=device)
+        self._surest = wp.zeros(repeats.SLOTS * contacts.critical_range.size, dtype=int, device=device)
         self.quality = wp.zeros(contacts.critical_range.shape, dtype=int, device=device)
+        self.hits = wp.zeros(contacts.critical_range.shape, dtype=int, device=device)
         self._order, self._first_frame = self._by_trajectory(survey.frames.trajectory)
         self._profiles = self._plan_profiles(world_from_head, footprint)
         self._fronts = self._plan_fronts(footprint.shape)
@@ -108,7 +110,7 @@ class Carver:
         slots.scatter_rows(slot_frame, self._slot_level, self._level, device=self._device)
 
     def conclude(self, log_odds: wp.array, reading: Reading, estimates: Estimates) -> None:
-        """Measure what is empty, place all contacts, take strays out and find faces; only launches.
+        """Measure what is empty, place all contacts, take strays out, find faces and take repeats out; only launches.
 
         Args:
             log_odds: the PS's field, shape [trajectory, x, y, z].
@@ -137,6 +139,30 @@ class Carver:
         self._top.fill_(tops.NO_TOP)
         tops.raise_tops(grid, trajectory, self.quality, point, self._top, device=self._device)
         fronts.find_fronts(grid, self._front_model, self._profiles, self._free_depth, self._top, self._fronts, **on)
+        self._drop_repeats(estimates)
+
+    def _drop_repeats(self, estimates: Estimates) -> None:
+        """Of repeated hits keep the surest; last, for strays and tops are told by all of them."""
+        self.hits.fill_(1)
+        grid, contacts, spacing = self._grid, self._contacts, self._settings.free_space.hit_spacing
+        if spacing == 0.0:
+            return
+        trajectory, point = contacts.trajectory, estimates.likely
+        self._surest.fill_(repeats.NO_CONTACT)
+        repeats.find_surest(
+            grid,
+            trajectory,
+            self.quality,
+            point,
+            contacts.critical_range,
+            estimates.elevation_deviation,
+            spacing,
+            self._surest,
+            device=self._device,
+        )
+        repeats.drop_repeats(
+            grid, trajectory, point, self._surest, spacing, self.hits, self.quality, device=self._device
+        )
 
     def faces(self) -> PointCloud:
         """Points of the faces that :meth:`conclude` found."""

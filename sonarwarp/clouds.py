@@ -24,7 +24,10 @@ class Clouds:
     """Both methods' points from one pass over the same critical points."""
 
     fused: PointCloud
-    """Points of both sonars' fusion."""
+    """Points of both sonars' fusion.
+
+    ``hits`` is how many contacts of one place a point stands for, itself included; 1 of the profiling sonar's points.
+    """
 
     single: PointCloud
     """The single-sonar method's points: every critical point at the beam's lower edge."""
@@ -67,7 +70,11 @@ def single_cloud(survey: Survey, critical_range: np.ndarray, edge: np.ndarray) -
 
 
 def contact_cloud(
-    survey: Survey, critical_range: np.ndarray, quality: np.ndarray, estimates: Mapping[str, np.ndarray]
+    survey: Survey,
+    critical_range: np.ndarray,
+    quality: np.ndarray,
+    hits: np.ndarray,
+    estimates: Mapping[str, np.ndarray],
 ) -> PointCloud:
     """Points of the imaging sonar, placed by the fusion.
 
@@ -75,10 +82,11 @@ def contact_cloud(
         survey: the frames.
         critical_range: [m], shape [frame, beam].
         quality: 0 where no point is to be, shape [frame, beam].
+        hits: contacts that each point stands for, itself included, shape [frame, beam].
         estimates: arrays of ``estimate.Estimates`` by name, shape [frame, beam, ...].
     """
     found = quality != int(estimate.QUALITY_NONE)
-    beliefs = {name: estimates[name][found] for name in _BELIEFS}
+    beliefs = {name: estimates[name][found] for name in _BELIEFS} | {"hits": hits[found]}
     return PointCloud(
         points=estimates["likely"][found],
         attributes=_contacts(survey, critical_range, found) | beliefs | _covariance(estimates["covariance"][found]),
@@ -157,6 +165,7 @@ def face_cloud(survey: Survey, fronts: Mapping[str, np.ndarray], spacing: float)
             "elevation_high": (elevation + float(estimate.NORMAL_INTERVAL) * deviation / distance).astype(np.float32),
             "effective_size": np.ones(len(points), dtype=np.float32),
             "quality": np.full(len(points), int(estimate.QUALITY_INFORMED), dtype=np.int32),
+            "hits": np.ones(len(points), dtype=np.int32),
             **_covariance(covariance),
         },
     )

@@ -290,10 +290,13 @@ class Reconstructor:
         )
         critical_range = contacts.critical_range.numpy()
         estimates = {name: getattr(self._estimates, name).numpy() for name in estimate.ESTIMATE_TYPES}
-        quality = estimates["quality"] if self._carver is None else self._carver.quality.numpy()
-        fused = contact_cloud(self.survey, critical_range, quality, estimates)
-        if self._carver is not None:
-            fused = PointCloud.join(fused, self._carver.faces())
+        if self._carver is None:
+            quality = estimates["quality"]
+            fused = contact_cloud(self.survey, critical_range, quality, np.ones_like(quality), estimates)
+        else:
+            quality, hits = self._carver.quality.numpy(), self._carver.hits.numpy()
+            contact = contact_cloud(self.survey, critical_range, quality, hits, estimates)
+            fused = PointCloud.join(contact, self._carver.faces())
         return Clouds(fused=fused, single=single_cloud(self.survey, critical_range, edge.numpy()))
 
 

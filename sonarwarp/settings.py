@@ -233,6 +233,10 @@ class FreeSpace:
     stray_points: int = 6
     """Fewest points in the 27 cells around a point that stays: 0.1 m/s and 4 m away a surface leaves 16."""
 
+    hit_spacing: float = 0.01
+    """Edge of the cubes in which only the surest of a trajectory's contacts stays [m]; 0 for all to stay. One bin:
+    frames 5 mm apart meet an edge again and again. Wider cubes lose detail across the track."""
+
     def __post_init__(self) -> None:
         in_range("FreeSpace.reach", self.reach, 1e-3, 10.0)
         in_range("FreeSpace.guard", self.guard, 0.0, 10.0)
@@ -249,6 +253,8 @@ class FreeSpace:
         in_range("FreeSpace.side_share", self.side_share, 0.0, 1.0)
         in_range("FreeSpace.side_jump", self.side_jump, 0.0, 10.0)
         in_range("FreeSpace.stray_points", self.stray_points, 0, 1000)
+        if self.hit_spacing != 0.0:
+            in_range("FreeSpace.hit_spacing", self.hit_spacing, 1e-3, 10.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -306,7 +312,7 @@ class ReconstructionSettings:
 
     method: Literal["carved", "paper"] = "carved"
     """``paper``: particles weighed by the PS's field alone, points of the FLS only. ``carved``: elevations also by what
-    the FLS proves empty, strays taken out, and faces that the PS sees added."""
+    the FLS proves empty, strays and repeats taken out, and faces that the PS sees added."""
 
     particles: int = 256
     """Particles per beam of the paper's method. Ours."""

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 import sonarwarp as sw
 from sonarwarp.clouds import face_cloud
 from sonarwarp_kernels import estimate
+from tests.reference.repeats import surest
 from tests.small_runs import CARVED, RIG, SETTINGS, allocations, none_of, run, same_points, scene, stream
 
 NOISE = sw.Noise()
@@ -309,7 +310,7 @@ def test_clouds_say_what_they_know_of_every_point(alone):
     common = {"source", "trajectory", "frame", "beam", "time", "range", "azimuth", "elevation"}
     covariance = {f"covariance_{axes}" for axes in ("xx", "yy", "zz", "xy", "xz", "yz")}
     angles = {f"elevation_{name}" for name in ("mean", "deviation", "low", "high")}
-    beliefs = angles | {"effective_size", "quality"}
+    beliefs = angles | {"effective_size", "quality", "hits"}
     assert set(single.attributes) == common
     assert set(fused.attributes) == common | covariance | beliefs
     for cloud in (fused, single):
@@ -320,10 +321,52 @@ def test_clouds_say_what_they_know_of_every_point(alone):
     # Squares of offsets of up to half a metre.
     assert np.linalg.eigvalsh(matrix).min() > -1e-6
     assert np.all(fused.attributes["quality"] > 0)
+    assert np.all(fused.attributes["hits"] > 0)
+    assert np.all(of_source(fused, 1).attributes["hits"] == 1)
     assert np.all(fused.attributes["effective_size"] <= CARVED.free_space.hypotheses * (1 + 1e-5))
     assert np.all(fused.attributes["elevation_deviation"] > 0)
     for end, side in (("low", -1), ("high", 1)):
         assert np.all(side * (fused.attributes[f"elevation_{end}"] - fused.attributes["elevation"]) > 0)
+
+
+# --- Repeated hits ---
+
+
+def keeping_all(spacing=0.0):
+    """The default method with other cubes, by default none."""
+    return replace(CARVED, free_space=replace(CARVED.free_space, hit_spacing=spacing))
+
+
+def test_where_all_hits_stay_each_stands_for_itself(log, alone, device):
+    every = sw.reconstruct(log, settings=keeping_all(), device=device).fused
+    assert np.all(every.attributes["hits"] == 1)
+    assert len(of_source(every, 0)) > len(of_source(alone[2].fused, 0))
+
+
+@pytest.mark.parametrize("spacing", [0.01, 0.05])
+def test_of_each_cube_the_surest_contact_stays_as_it_was_and_counts_all(log, alone, device, spacing):
+    every, kept = (
+        of_source(sw.reconstruct(log, settings=keeping_all(s), device=device).fused, 0) for s in (0.0, spacing)
+    )
+    # As the kernel has it: what lies in which cube is a matter of rounding.
+    length = every.attributes["range"] * every.attributes["elevation_deviation"]
+    origin = alone[3].grid.origin.numpy()
+    owner = every.attributes["trajectory"]
+    found = surest(owner, every.points, length, origin, np.float32(spacing))
+    assert len(found) < 0.9 * len(every)
+    chosen = np.sort(list(found))
+    assert np.array_equal(kept.points, every.points[chosen])
+    for name in set(every.attributes) - {"hits"}:
+        assert np.array_equal(kept.attributes[name], every.attributes[name][chosen])
+    assert kept.attributes["hits"].tolist() == [len(found[contact]) for contact in chosen]
+
+
+def test_strays_and_faces_are_told_by_all_hits(log, device):
+    """Points in cubes wider than a cell are too few for any not to be a stray."""
+    every, kept = (sw.reconstruct(log, settings=keeping_all(s), device=device).fused for s in (0.0, 0.2))
+    assert of_source(kept, 0).attributes["hits"].sum() == len(of_source(every, 0))
+    assert len(of_source(kept, 0)) < 0.2 * len(of_source(every, 0))
+    assert same_points(of_source(every, 1), of_source(kept, 1))
 
 
 # --- Points of a face ---

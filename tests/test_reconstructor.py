@@ -206,7 +206,8 @@ def test_clouds_say_what_they_know(alone):
     covariance = {f"covariance_{axes}" for axes in ("xx", "yy", "zz", "xy", "xz", "yz")}
     assert set(single.attributes) == common
     angles = {f"elevation_{name}" for name in ("mean", "deviation", "low", "high")}
-    assert set(fused.attributes) == common | covariance | angles | {"effective_size", "quality"}
+    assert set(fused.attributes) == common | covariance | angles | {"effective_size", "quality", "hits"}
+    assert np.all(fused.attributes["hits"] == 1)
     for axis in "xyz":
         assert (fused.attributes[f"covariance_{axis}{axis}"] >= 0).all()
     for cloud in (fused, single):

@@ -16,10 +16,16 @@ wp.set_module_options({"enable_backward": False})
 
 
 @wp.func
+def cube_of(origin: wp.vec3, edge: float, point: wp.vec3) -> wp.vec3i:
+    """Indices of the cube that a point lies in, counted from an origin."""
+    place = (point - origin) / edge
+    return wp.vec3i(int(wp.floor(place[0])), int(wp.floor(place[1])), int(wp.floor(place[2])))
+
+
+@wp.func
 def cell_of(grid: Grid, owner: int, point: wp.vec3) -> wp.vec3i:
     """Indices of a world point's cell, inside the trajectory's box or not."""
-    place = (point - grid.origin[owner]) / grid.cell
-    return wp.vec3i(int(wp.floor(place[0])), int(wp.floor(place[1])), int(wp.floor(place[2])))
+    return cube_of(grid.origin[owner], grid.cell, point)
 
 
 @wp.func
