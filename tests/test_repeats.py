@@ -10,11 +10,23 @@ from tests.reference import repeats as reference
 from tests.test_crowd import ORIGIN, ORIGINS, SHAPE, SIZES, make_grid
 
 NONE, FALLBACK, INFORMED = int(QUALITY_NONE), int(QUALITY_FALLBACK), int(QUALITY_INFORMED)
+NO_CONTACT = int(repeats.NO_CONTACT)
 SPACING = 0.0625
 """A power of two: what lies in which cube does not depend on rounding. A quarter of the grid's cells."""
 
 
-def run(device, points, deviation, distance=None, trajectory=None, quality=None, grid=None, slots=None, hits=1):
+def run(
+    device,
+    points,
+    deviation,
+    distance=None,
+    trajectory=None,
+    quality=None,
+    grid=None,
+    slots=None,
+    hits=1,
+    content=NO_CONTACT,
+):
     """Hits and what became of the qualities of ``points``, shape [frame, beam, 3]."""
     points = np.asarray(points, dtype=np.float32)
     shape = points.shape[:2]
@@ -25,7 +37,7 @@ def run(device, points, deviation, distance=None, trajectory=None, quality=None,
     distance = wp.array(np.ones(shape) if distance is None else distance, dtype=float, device=device)
     angle = wp.array(deviation, dtype=float, device=device)
     slots = repeats.SLOTS * shape[0] * shape[1] if slots is None else slots
-    surest = wp.full(slots, repeats.NO_CONTACT, dtype=int, device=device)
+    surest = wp.full(slots, content, dtype=int, device=device)
     hits_out = wp.full(shape, hits, dtype=int, device=device)
     repeats.find_surest(grid, owner, quality_out, point, distance, angle, SPACING, surest, device=device)
     repeats.drop_repeats(grid, owner, point, surest, SPACING, hits_out, quality_out, device=device)
@@ -118,11 +130,16 @@ def test_hits_are_added_to_what_was_counted(device):
 def test_contacts_of_cubes_that_were_not_looked_into_stay(device):
     shape = (3, 1)
     owner, point = wp.zeros(3, dtype=int, device=device), wp.zeros(shape, dtype=wp.vec3, device=device)
-    table = wp.full(6, repeats.NO_CONTACT, dtype=int, device=device)
+    table = wp.full(6, NO_CONTACT, dtype=int, device=device)
     hits, quality = (wp.full(shape, value, dtype=int, device=device) for value in (1, INFORMED))
     repeats.drop_repeats(make_grid(device), owner, point, table, SPACING, hits, quality, device=device)
     assert np.all(hits.numpy() == 1)
     assert np.all(quality.numpy() == INFORMED)
+
+
+def test_the_search_ends_in_a_table_that_nobody_cleared(device):
+    """All slots are the first contact's: no other cube finds one of its own, so that nothing of it is taken back."""
+    assert stays(device, [HERE, BESIDE, BESIDE, HERE], [0.1, 0.1, 0.2, 0.2], content=0) == [2, 1, 1, 0]
 
 
 # --- Where cubes are ---

@@ -79,9 +79,13 @@ def surest_in_cube(
     """The contact that stays of a trajectory's cube; ``NO_CONTACT`` where the cube has none."""
     slots = surest.shape[0]
     slot = first_slot(owner, cube, slots)
-    while surest[slot] != NO_CONTACT and not lies_in(grid, trajectory, point, spacing, surest[slot], owner, cube):
+    # In a table without a free slot, which was not filled with NO_CONTACT, the search ends as well.
+    for _probe in range(slots):
+        held = surest[slot]
+        if held == NO_CONTACT or lies_in(grid, trajectory, point, spacing, held, owner, cube):
+            return held
         slot = (slot + 1) % slots
-    return surest[slot]
+    return NO_CONTACT
 
 
 @wp.kernel
@@ -105,17 +109,19 @@ def find_surest_kernel(
     owner = trajectory[frame]
     cube = cube_of(grid.origin[owner], spacing, point[frame, beam])
     slot = first_slot(owner, cube, slots)
-    held = wp.atomic_cas(surest_out, slot, NO_CONTACT, contact)
-    while held != NO_CONTACT:
-        if not lies_in(grid, trajectory, point, spacing, held, owner, cube):
-            slot = (slot + 1) % slots
-            held = wp.atomic_cas(surest_out, slot, NO_CONTACT, contact)
-        elif is_surer(critical_range, elevation_deviation, contact, held):
-            seen = wp.atomic_cas(surest_out, slot, held, contact)
-            # Another contact of the cube may have come between: then it is to be surpassed.
-            held = wp.where(seen == held, NO_CONTACT, seen)
-        else:
-            held = NO_CONTACT
+    for _probe in range(slots):
+        held = wp.atomic_cas(surest_out, slot, NO_CONTACT, contact)
+        if held == NO_CONTACT:
+            return
+        if lies_in(grid, trajectory, point, spacing, held, owner, cube):
+            while is_surer(critical_range, elevation_deviation, contact, held):
+                seen = wp.atomic_cas(surest_out, slot, held, contact)
+                if seen == held:
+                    return
+                # Another contact of the cube came between: now that one is to be surpassed.
+                held = seen
+            return
+        slot = (slot + 1) % slots
 
 
 def find_surest(
