@@ -11,6 +11,12 @@ import numpy as np
 from sonarwarp.checks import finite_array
 from sonarwarp.durable import replacing
 
+NORMAL = ("normal_x", "normal_y", "normal_z")
+"""Attributes that hold the unit normal of the surface at a point, world; 0, 0, 0 where it is not known."""
+
+# What programs that read PLY call the normals: MeshLab, CloudCompare.
+_PLY_NAMES: dict[str, str] = dict(zip(NORMAL, ("nx", "ny", "nz"), strict=True))
+
 # Headers name every field four times [byte].
 _LONGEST_HEADER = 1 << 16
 
@@ -53,18 +59,29 @@ class PointCloud:
         )
 
     def write_ply(self, path: str | Path) -> None:
-        """Write binary PLY, every attribute a vertex property (float32 or int32), in one step over an older file."""
+        """Write binary PLY, every attribute a vertex property (float32 or int32), in one step over an older file.
+
+        The attributes of :data:`NORMAL` are called nx, ny and nz, as in other programs.
+
+        Raises:
+            ValueError: an attribute of its own that is called nx, ny or nz beside one of :data:`NORMAL`.
+        """
         import trimesh
         from trimesh.exchange.ply import export_ply
 
         mesh = trimesh.Trimesh(vertices=self.points, process=False)
         for name, values in self.attributes.items():
-            mesh.vertex_attributes[name] = values.astype(_stored_type(values))
+            stored = _PLY_NAMES.get(name, name)
+            if stored != name and stored in self.attributes:
+                raise ValueError(f"PointCloud.attributes: {name!r} and {stored!r} are both {stored} in PLY: rename one")
+            mesh.vertex_attributes[stored] = values.astype(_stored_type(values))
         with replacing(Path(path)) as file:
             file.write(export_ply(mesh, encoding="binary"))
 
     def write_pcd(self, path: str | Path) -> None:
         """Write binary PCD, every attribute a field (float32 or int32), in one step over an older file.
+
+        Names stay as they are; those of :data:`NORMAL` are what PCL calls normals.
 
         Raises:
             ValueError: a name that is not one word of letters, digits and underscores, as PCD's header wants.
@@ -95,6 +112,8 @@ def _stored_type(values: np.ndarray) -> type[np.number]:
 def read_cloud(path: str | Path) -> PointCloud:
     """Read a cloud that :class:`PointCloud` wrote, PLY, PCD or NPZ, or the points of any other PLY or PCD.
 
+    Attributes have the names that they were written by, a PLY's normals those of :data:`NORMAL`.
+
     Raises:
         ValueError: another suffix, no such file, or one that cannot be read; one line that names the file.
     """
@@ -120,7 +139,9 @@ def _read_ply(path: Path) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     from trimesh.exchange.ply import load_ply
 
     with path.open("rb") as file:
-        return _columns(load_ply(file)["metadata"]["_ply_raw"]["vertex"]["data"])
+        points, attributes = _columns(load_ply(file)["metadata"]["_ply_raw"]["vertex"]["data"])
+    names = {stored: name for name, stored in _PLY_NAMES.items()}
+    return points, {names.get(stored, stored): values for stored, values in attributes.items()}
 
 
 def _read_pcd(path: Path) -> tuple[np.ndarray, dict[str, np.ndarray]]:

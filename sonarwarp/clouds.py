@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sonarwarp.cloud import PointCloud
+from sonarwarp.cloud import NORMAL, PointCloud
 from sonarwarp.poses import rotate
 from sonarwarp.survey import Survey
 from sonarwarp_kernels import critical, estimate
@@ -27,6 +27,9 @@ class Clouds:
     """Points of both sonars' fusion.
 
     ``hits`` is how many contacts of one place a point stands for, itself included; 1 of the profiling sonar's points.
+    Those have a normal (``cloud.NORMAL``): square to their face's line and to the level across the way that the head
+    looks, towards the sonar; a face that stands oblique to that way is not told apart. Zero where the head looks
+    straight down, and of the imaging sonar's points, whose surface's incline is not known.
     """
 
     single: PointCloud
@@ -87,9 +90,15 @@ def contact_cloud(
     """
     found = quality != int(estimate.QUALITY_NONE)
     beliefs = {name: estimates[name][found] for name in _BELIEFS} | {"hits": hits[found]}
+    points = estimates["likely"][found]
     return PointCloud(
-        points=estimates["likely"][found],
-        attributes=_contacts(survey, critical_range, found) | beliefs | _covariance(estimates["covariance"][found]),
+        points=points,
+        attributes={
+            **_contacts(survey, critical_range, found),
+            **beliefs,
+            **_normal(np.zeros_like(points)),
+            **_covariance(estimates["covariance"][found]),
+        },
     )
 
 
@@ -105,6 +114,10 @@ def _contacts(survey: Survey, critical_range: np.ndarray, found: np.ndarray) -> 
         "range": critical_range[found],
         "azimuth": survey.rig.fls.azimuth[beam],
     }
+
+
+def _normal(vectors: np.ndarray) -> dict[str, np.ndarray]:
+    return {name: values.astype(np.float32) for name, values in zip(NORMAL, vectors.T, strict=True)}
 
 
 def _covariance(matrix: np.ndarray) -> dict[str, np.ndarray]:
@@ -142,6 +155,8 @@ def face_cloud(survey: Survey, fronts: Mapping[str, np.ndarray], spacing: float)
     axis = rotate(head[:, 3:], np.array([1.0, 0.0, 0.0]))
     level = np.linalg.norm(axis[:, :2], axis=1, keepdims=True)
     ahead = np.divide(axis * (1.0, 1.0, 0.0), level, out=np.zeros_like(axis), where=level > _ROUNDING)
+    incline = np.sum(run * ahead, axis=1, keepdims=True)
+    normal = (incline * (0.0, 0.0, 1.0) - ahead) / np.sqrt(1.0 + incline**2)
     across = ahead[:, :, None] * ahead[:, None, :]
     # A head that looks straight down does not say which way a face looks.
     across[level[:, 0] <= _ROUNDING] = np.diag([1.0, 1.0, 0.0])
@@ -166,6 +181,7 @@ def face_cloud(survey: Survey, fronts: Mapping[str, np.ndarray], spacing: float)
             "effective_size": np.ones(len(points), dtype=np.float32),
             "quality": np.full(len(points), int(estimate.QUALITY_INFORMED), dtype=np.int32),
             "hits": np.ones(len(points), dtype=np.int32),
+            **_normal(normal),
             **_covariance(covariance),
         },
     )

@@ -10,6 +10,7 @@ from pypcd4.pypcd4 import Encoding
 from pypcd4.pypcd4 import PointCloud as Pcd
 
 from sonarwarp import PointCloud, read_cloud
+from sonarwarp.cloud import NORMAL
 
 POINTS = np.array([[0.0, 1.0, 2.0], [3.0, 4.0, 5.0], [6.0, 7.0, 8.5]])
 
@@ -18,6 +19,12 @@ def cloud():
     return PointCloud(
         points=POINTS, attributes={"range": np.array([1.5, 2.5, 3.5]), "quality": np.array([2, 1, 2], dtype=np.int32)}
     )
+
+
+def cloud_with_normals():
+    normals = np.array([[0.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [-0.625, 0.125, 0.75]])
+    given = dict(zip(NORMAL, normals.T, strict=True))
+    return PointCloud(points=POINTS, attributes=given | cloud().attributes)
 
 
 def test_selecting_points_selects_their_attributes():
@@ -95,6 +102,45 @@ def test_what_is_written_is_read(tmp_path, suffix, write):
     for name, values in cloud().attributes.items():
         assert read.attributes[name].tolist() == values.tolist()
         assert np.issubdtype(read.attributes[name].dtype, np.integer) == np.issubdtype(values.dtype, np.integer)
+
+
+def ply_names(path):
+    return trimesh.load(path).metadata["_ply_raw"]["vertex"]["data"].dtype.names
+
+
+def pcd_names(path):
+    return Pcd.from_path(path).fields
+
+
+@pytest.mark.parametrize(
+    ("suffix", "write", "names_in", "names"),
+    [
+        # What MeshLab and CloudCompare read as normals, and what PCL does.
+        (*WRITERS[0], ply_names, ("nx", "ny", "nz")),
+        (*WRITERS[1], pcd_names, ("normal_x", "normal_y", "normal_z")),
+    ],
+)
+def test_normals_have_the_names_that_other_programs_know(tmp_path, suffix, write, names_in, names):
+    path = tmp_path / f"cloud{suffix}"
+    write(cloud_with_normals(), path)
+    assert tuple(names_in(path)) == ("x", "y", "z", *names, "range", "quality")
+
+
+@pytest.mark.parametrize(("suffix", "write"), WRITERS)
+def test_normals_are_read_by_the_names_that_they_had(tmp_path, suffix, write):
+    path, given = tmp_path / f"cloud{suffix}", cloud_with_normals()
+    write(given, path)
+    read = read_cloud(path)
+    assert set(read.attributes) == {*NORMAL, "range", "quality"}
+    for name, values in given.attributes.items():
+        assert read.attributes[name].tolist() == values.tolist()
+
+
+def test_two_attributes_of_one_name_in_ply_are_refused(tmp_path):
+    attributes = {"normal_y": np.zeros(3), "ny": np.ones(3)}
+    with pytest.raises(ValueError, match=r"attributes: 'normal_y' and 'ny' are both ny in PLY: rename one"):
+        PointCloud(points=POINTS, attributes=attributes).write_ply(tmp_path / "cloud.ply")
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(

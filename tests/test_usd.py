@@ -8,6 +8,7 @@ import os
 import subprocess
 import sys
 import textwrap
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ from scipy.spatial.transform import Rotation
 import sonarwarp_scenes as scenes
 from sonarwarp import PRESETS, PointCloud, plan_survey, simulate
 from sonarwarp.app.cloud_usd import sonar_tracks, write_cloud_usd
+from sonarwarp.cloud import NORMAL
 from sonarwarp_scenes import Conversion, Scene, Trajectory, assets, child, read_stage
 from sonarwarp_scenes.assets import asset, paper_deployments
 from tests.attempts import attempt, count_inputs
@@ -1161,6 +1163,28 @@ def test_a_cloud_keeps_its_points_and_attributes(tmp_path, suffix):
     assert len(colours) == 50
     # Brighter with every step.
     assert (np.diff(colours @ [0.2126, 0.7152, 0.0722]) > 0.0).all()
+
+
+def test_normals_are_those_of_the_points(tmp_path):
+    normals = np.random.default_rng(1).normal(size=(50, 3)).astype(np.float32)
+    whole = replace(CLOUD, attributes={**CLOUD.attributes, **dict(zip(NORMAL, normals.T, strict=True))})
+    write_cloud_usd(tmp_path / "cloud.usda", whole, colour_by="normal_z")
+    stage = Usd.Stage.Open(str(tmp_path / "cloud.usda"))
+    assert complaints(stage) == []
+    points = UsdGeom.Points(stage.GetPrimAtPath("/World/Cloud"))
+    assert np.array_equal(points.GetNormalsAttr().Get(), normals)
+    assert points.GetNormalsInterpolation() == UsdGeom.Tokens.vertex
+    primvars = UsdGeom.PrimvarsAPI(points)
+    assert not any(primvars.HasPrimvar(name) for name in NORMAL)
+    assert len(points.GetDisplayColorAttr().Get()) == 50
+
+
+def test_a_cloud_without_all_of_a_normal_has_none(tmp_path):
+    write_cloud_usd(tmp_path / "cloud.usda", replace(CLOUD, attributes={"normal_x": np.arange(50.0)}))
+    stage = Usd.Stage.Open(str(tmp_path / "cloud.usda"))
+    points = UsdGeom.Points(stage.GetPrimAtPath("/World/Cloud"))
+    assert not points.GetNormalsAttr().HasAuthoredValue()
+    assert np.array_equal(UsdGeom.PrimvarsAPI(points).GetPrimvar("normal_x").Get(), np.arange(50.0))
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sonarwarp.cloud import PointCloud
+from sonarwarp.cloud import NORMAL, PointCloud
 from sonarwarp.survey import Survey, by_trajectory
 from sonarwarp_scenes import Trajectory
 from sonarwarp_scenes.usd_stage import add_curves, add_moving, extent, new_stage, save, set_times
@@ -53,10 +53,11 @@ def write_cloud_usd(
 ) -> None:
     """Write a cloud and the ways of sonars as an OpenUSD stage, in metres with z up.
 
-    ``/World/Cloud`` holds the points, and every attribute as a primvar of its name with one value per point; points and
-    tracks' curves are rounded to single precision. Every track is a frame ``/World/Tracks/NAME`` with time-sampled
-    translation and orientation in double precision, marked by a cross with its longest arm forward, and a curve
-    ``/World/Paths/NAME``. Time code 0 is time 0.
+    ``/World/Cloud`` holds the points, and every attribute as a primvar of its name with one value per point. Those of
+    ``cloud.NORMAL``, where the cloud has all three, are the points' ``normals`` instead, zero where not known. Points,
+    normals and tracks' curves are rounded to single precision. Every track is a frame ``/World/Tracks/NAME`` with
+    time-sampled translation and orientation in double precision, marked by a cross with its longest arm forward, and a
+    curve ``/World/Paths/NAME``. Time code 0 is time 0.
 
     Args:
         path: the file: .usda (text), .usdc or .usd (binary). It is replaced in one step once all is written.
@@ -119,11 +120,16 @@ def _add_cloud(stage: Usd.Stage, path: Sdf.Path, cloud: PointCloud, colour_by: s
     if colour_by is not None:
         colour = prim.CreateDisplayColorPrimvar(UsdGeom.Tokens.vertex)
         colour.Set(Vt.Vec3fArray.FromNumpy(_colours(cloud.attributes[colour_by])))
+    attributes = dict(cloud.attributes)
+    if attributes.keys() >= set(NORMAL):
+        normals = np.stack([attributes.pop(name) for name in NORMAL], axis=1).astype(np.float32)
+        prim.CreateNormalsAttr(Vt.Vec3fArray.FromNumpy(normals))
+        prim.SetNormalsInterpolation(UsdGeom.Tokens.vertex)
     primvars = UsdGeom.PrimvarsAPI(prim)
-    for name, identifier in _identifiers("attributes", cloud.attributes).items():
+    for name, identifier in _identifiers("attributes", attributes).items():
         if identifier == "displayColor":
             raise ValueError(f"attributes: {name!r} is what OpenUSD calls the points' own colours: rename it")
-        kind, values = _typed(name, cloud.attributes[name])
+        kind, values = _typed(name, attributes[name])
         primvars.CreatePrimvar(identifier, kind, UsdGeom.Tokens.vertex).Set(values)
 
 
