@@ -233,9 +233,10 @@ class FreeSpace:
     stray_points: int = 6
     """Fewest points in the 27 cells around a point that stays: 0.1 m/s and 4 m away a surface leaves 16."""
 
-    hit_spacing: float = 0.01
-    """Edge of the cubes in which only the surest of a trajectory's contacts stays [m]; 0 for all to stay. One bin:
-    frames 5 mm apart meet an edge again and again. Wider cubes lose detail across the track."""
+    hit_spacing: float = 0.003
+    """Edge of the cubes in which only the surest of a trajectory's contacts stays [m]; 0 for all to stay. A third of a
+    bin: frames 5 mm apart meet an edge again and again. Of wider cubes the surest of many is less sure than it says,
+    and detail across the track goes."""
 
     def __post_init__(self) -> None:
         in_range("FreeSpace.reach", self.reach, 1e-3, 10.0)
