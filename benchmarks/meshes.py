@@ -124,8 +124,7 @@ def run_mesh(mesh: Mesh, folder: Path, place: Path, seed: int) -> Clouds:
     Path(rig).write_text(_sonarwarp("preset", _RIG))
     buried = ("bury", str(folder / mesh.file), "--scale", str(mesh.scale), "--rig", rig, "--out", scene)
     facts = json.loads(_sonarwarp(*buried, *drawn, "--json"))
-    late = ("--frames-from", str(facts["frames_from"]))
-    _sonarwarp("simulate", scene, "--rig", rig, "--out", log, "--overwrite", *late, *drawn)
+    _sonarwarp("simulate", scene, "--rig", rig, "--out", log, "--overwrite", *drawn)
     _sonarwarp("reconstruct", log, "--out", clouds, *drawn)
     return Clouds(scene=scene, part=facts["part"], log=log, folder=clouds)
 

@@ -19,7 +19,7 @@ from sonarwarp.metrics import evaluate, seen_samples
 from sonarwarp.toml_text import toml_text
 from sonarwarp.trajectory_files import write_csv
 from tests.small_logs import same_survey
-from tests.small_runs import RIG, SETTINGS, run
+from tests.small_runs import RIG, SETTINGS, run, scene
 from tests.test_cli import sonarwarp
 
 UP = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0])
@@ -192,8 +192,65 @@ def test_a_buried_mesh_is_a_scene_to_simulate_and_a_part_to_evaluate(folder):
     way = sonarwarp_scenes.read_trajectory(folder / "ball.usda")
     assert (way.times[-1], way.poses[0, 2]) == pytest.approx((facts["duration"], 1.9))
     assert 0.0 < facts["frames_from"] < facts["duration"]
+    assert sonarwarp_scenes.read_frames_from(folder / "ball.usda") == facts["frames_from"]
     stage = Usd.Stage.Open(str(folder / "ball.usda"))
     assert stage.GetPrimAtPath("/World/Vehicle").GetChildrenNames() == ["FLS", "PS"]
+
+
+# What stages of one run of 6 s say of when imaging may start.
+SAID = {"late": "4", "beyond": "6.5", "wrong": "nan"}
+
+
+@pytest.fixture(scope="module", name="staged")
+def staged_fixture(folder):
+    """The folder, with those stages and one that says nothing."""
+    deployment = sonarwarp_scenes.Deployment(
+        name="late", scene=scene(), objects=(), trajectory=run(length=0.6), frames_from=4.0
+    )
+    sonarwarp_scenes.write_deployment(folder / "late.usda", deployment)
+    text = (folder / "late.usda").read_text()
+    line = "custom double sonarwarp:framesFrom = 4\n"
+    assert text.count(line) == 1
+    (folder / "silent.usda").write_text(text.replace(line, ""))
+    for name, value in SAID.items():
+        (folder / f"{name}.usda").write_text(text.replace(line, line.replace("4", value)))
+    return folder
+
+
+# Arguments, time of the first frame, and how many there are.
+STARTS = {
+    "the stage says": (("late.usda",), 4.0, 21),
+    "the option wins": (("late.usda", "--frames-from", "5"), 5.0, 11),
+    "the option wins over what is wrong": (("wrong.usda", "--frames-from", "5"), 5.0, 11),
+    "the trajectory's stage says nothing": (("late.usda", "--trajectory", "silent.usda"), 0.0, 61),
+    "the trajectory is no stage": (("late.usda", "--trajectory", "run.csv"), 0.0, 61),
+}
+
+
+@pytest.mark.parametrize("name", STARTS)
+def test_imaging_starts_when_the_run_s_own_stage_says(name, staged):
+    arguments, start, frames = STARTS[name]
+    made = sonarwarp(
+        "simulate", *arguments, *("--rig", "rig.toml", "--out", "started", "--overwrite", "--json"), folder=staged
+    )
+    assert made.returncode == 0, made.stderr
+    facts = json.loads(made.stdout)
+    assert (facts["imaging_from"], facts["frames"], facts["pings"]) == (start, frames, 31)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("beyond.usda", "frames_from: 6.5 s, must be at most 6 s, the run's last frame"),
+        ("wrong.usda", "wrong.usda: /World/Vehicle: sonarwarp:framesFrom: nan, must be finite"),
+    ],
+)
+def test_a_stage_that_says_a_wrong_time_costs_one_line(name, message, staged):
+    made = sonarwarp("simulate", name, "--rig", "rig.toml", "--out", "new", folder=staged)
+    assert made.returncode == 2
+    assert message in made.stderr
+    assert len(made.stderr.strip().splitlines()) == 1
+    assert not (staged / "new").exists()
 
 
 WRONG = {

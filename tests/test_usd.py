@@ -899,6 +899,7 @@ def test_a_deployment_survives_with_its_run(tmp_path, name):
     run = scenes.read_trajectory(path)
     assert np.array_equal(run.times, deployment.trajectory.times)
     assert np.array_equal(run.poses, deployment.trajectory.poses)
+    assert scenes.read_frames_from(path) == deployment.frames_from
     stage = Usd.Stage.Open(str(path))
     assert stage.GetPrimAtPath("/World/Vehicle").GetAttribute("sonarwarp:framesFrom").Get() == deployment.frames_from
     assert complaints(stage) == []
@@ -1062,6 +1063,63 @@ def test_a_way_that_is_none_is_refused(tmp_path, change, prim, message):
         scenes.read_trajectory(tmp_path / "stage.usda", prim)
 
 
+def say_frames_from(prim: UsdGeom.Xform, kind: Sdf.ValueTypeName, value: object) -> None:
+    # An attribute that is there would keep its type.
+    prim.GetPrim().RemoveProperty("sonarwarp:framesFrom")
+    prim.GetPrim().CreateAttribute("sonarwarp:framesFrom", kind).Set(value)
+
+
+def test_the_prim_that_moves_says_when_imaging_may_start(tmp_path):
+    """As it stands, whatever the stage's time codes, units and up axis are; others' word does not count."""
+    stage, vehicle = moving_stage("Y")
+    path = tmp_path / "stage.usda"
+    said = {"/Carriage": 7.0, "/Carriage/Vehicle": None, "/Cube": 1.5}
+    for name, kind in (("/Carriage", Sdf.ValueTypeNames.Double), ("/Cube", Sdf.ValueTypeNames.Half)):
+        say_frames_from(UsdGeom.Xform(stage.GetPrimAtPath(name)), kind, said[name])
+    stage.Export(str(path))
+    assert {name: scenes.read_frames_from(path, name) for name in said} == said
+    with pytest.raises(ValueError, match=r"path: .*stage\.usda: prim: 2 prims move .*, must be one: name it"):
+        scenes.read_frames_from(path)
+    for kind, value in ((Sdf.ValueTypeNames.Int, -3), (Sdf.ValueTypeNames.Double, 0.1)):
+        say_frames_from(vehicle, kind, value)
+        stage.Export(str(path))
+        assert scenes.read_frames_from(path, "/Carriage/Vehicle") == value
+    vehicle.GetPrim().GetAttribute("sonarwarp:framesFrom").Block()
+    stage.Export(str(path))
+    assert scenes.read_frames_from(path, "/Carriage/Vehicle") is None
+
+
+@pytest.mark.parametrize(
+    ("kind", "value", "message"),
+    [
+        (Sdf.ValueTypeNames.Double, math.nan, "nan, must be finite"),
+        (Sdf.ValueTypeNames.Double, -math.inf, "-inf, must be finite"),
+        (Sdf.ValueTypeNames.Bool, True, r"True, must be one number \[s\]"),
+        (Sdf.ValueTypeNames.String, "35", r"'35', must be one number \[s\]"),
+        (Sdf.ValueTypeNames.DoubleArray, [1.0, 2.0], r"Vt\.DoubleArray\(2, \(1, 2\)\), must be one number \[s\]"),
+        (Sdf.ValueTypeNames.Matrix4d, Gf.Matrix4d(1.0), r"Gf\.Matrix4d\(1\.0, .* \.\.\., must be one number \[s\]"),
+    ],
+)
+def test_when_imaging_may_start_must_be_a_finite_number(tmp_path, kind, value, message):
+    stage, vehicle = moving_stage("Z")
+    say_frames_from(vehicle, kind, value)
+    stage.Export(str(tmp_path / "stage.usda"))
+    with pytest.raises(
+        ValueError, match=rf"path: .*stage\.usda: /Carriage/Vehicle: sonarwarp:framesFrom: {message}"
+    ) as refusal:
+        scenes.read_frames_from(tmp_path / "stage.usda", "/Carriage/Vehicle")
+    assert "\n" not in str(refusal.value)
+
+
+def test_a_stage_that_is_not_whole_says_nothing_of_when_imaging_may_start(tmp_path):
+    stage, _ = moving_stage("Z")
+    stage.DefinePrim("/Other").GetReferences().AddReference("gone.usda")
+    # Unlike a stage, a layer is written with its references as they are.
+    stage.GetRootLayer().Export(str(tmp_path / "stage.usda"))
+    with pytest.raises(ValueError, match=r"path: .*stage\.usda: .*gone\.usda"):
+        scenes.read_frames_from(tmp_path / "stage.usda", "/Carriage/Vehicle")
+
+
 # The paper's scenes
 
 
@@ -1077,6 +1135,7 @@ def test_a_published_scene_is_valid_and_what_code_makes(name):
     assert np.array_equal(scene.impedance, deployment.scene.impedance)
     vehicle = UsdGeom.Xformable(stage.GetPrimAtPath("/World/Vehicle"))
     assert np.array_equal(np.array(vehicle.GetTimeSamples()) / 32.0, deployment.trajectory.times)
+    assert scenes.read_frames_from(path) == deployment.frames_from
     for sonar in sonars:
         beam = UsdGeom.BasisCurves(stage.GetPrimAtPath(f"/World/Vehicle/{sonar.name}/Beam"))
         assert np.array_equal(beam.GetPointsAttr().Get(), np.concatenate(sonar.edges()).astype(np.float32))

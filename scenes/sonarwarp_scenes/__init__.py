@@ -19,7 +19,7 @@ from sonarwarp_scenes.seabed import Extent, Roughness, flat_seabed, rough_seabed
 from sonarwarp_scenes.shapes import BRICK, FOOT, TABLE_1, TABLE_2, PlacedObject, Shape, Wedge
 from sonarwarp_scenes.trajectories import Trajectory, straight_trajectory, waypoint_trajectory
 from sonarwarp_scenes.usd import read_stage
-from sonarwarp_scenes.usd_track import read_trajectory
+from sonarwarp_scenes.usd_track import read_frames_from, read_trajectory
 from sonarwarp_scenes.usd_write import SonarOutline, write_deployment, write_scene
 
 __all__ = [
@@ -57,6 +57,7 @@ __all__ = [
     "mesh_deployment",
     "object_deployment",
     "pair_deployment",
+    "read_frames_from",
     "read_scene",
     "read_stage",
     "read_trajectory",

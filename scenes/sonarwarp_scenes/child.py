@@ -32,6 +32,7 @@ _PATIENCE = 600.0
 _TASKS = {
     "scene": ("sonarwarp_scenes.usd", "scene_of_file"),
     "trajectory": ("sonarwarp_scenes.usd_track", "trajectory_of_file"),
+    "frames_from": ("sonarwarp_scenes.usd_track", "frames_from_of_file"),
 }
 
 

@@ -60,18 +60,27 @@ def scene_of_file(path: str, conversion: Conversion) -> tuple[dict[str, np.ndarr
     return arrays, report.as_dict()
 
 
-def stage_units(stage: Usd.Stage) -> tuple[float, Up]:
-    """Metres per unit and the axis that points up, of a stage that composes.
+def check_composed(stage: Usd.Stage) -> None:
+    """Refuse a stage that is not whole.
 
     Raises:
-        ValueError: a reference, payload or layer that cannot be had, or a unit that is not positive.
+        ValueError: a reference, payload or layer that cannot be had.
     """
-    from pxr import UsdGeom
-
     errors = stage.GetCompositionErrors()
     if errors:
         reason = " ".join(str(errors[0]).split())
         raise ValueError(f"{reason} Put it there, or deactivate the prim ({len(errors)} such)")
+
+
+def stage_units(stage: Usd.Stage) -> tuple[float, Up]:
+    """Metres per unit and the axis that points up, of a stage that composes.
+
+    Raises:
+        ValueError: as :func:`check_composed`, or a unit that is not positive.
+    """
+    from pxr import UsdGeom
+
+    check_composed(stage)
     metres_per_unit = UsdGeom.GetStageMetersPerUnit(stage)
     if not (np.isfinite(metres_per_unit) and metres_per_unit > 0.0):
         raise ValueError(f"metersPerUnit: {metres_per_unit}, must be positive and finite")

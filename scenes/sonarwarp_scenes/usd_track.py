@@ -1,24 +1,27 @@
-"""Trajectories from OpenUSD: the time-sampled transform of a prim."""
+"""Trajectories from OpenUSD: the time-sampled transform of a prim, and what the prim says of the run."""
 
 # pyright: reportAttributeAccessIssue=false
 # OpenUSD fills its modules when they load, where no type checker sees it.
 
 from __future__ import annotations
 
+import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sonarwarp_scenes.checks import check_positive
+from sonarwarp_scenes.checks import check_finite, check_positive
 from sonarwarp_scenes.child import in_child
 from sonarwarp_scenes.conversion import Conversion, Up, turned_up
 from sonarwarp_scenes.files import readable
 from sonarwarp_scenes.trajectories import Trajectory
-from sonarwarp_scenes.usd import stage_units
+from sonarwarp_scenes.usd import check_composed, stage_units
 
 if TYPE_CHECKING:
     from pxr import Usd
+
+FRAMES_FROM_ATTRIBUTE = "sonarwarp:framesFrom"
 
 # Axes of a frame count as perpendicular within this, in cosines.
 _SQUARE = 1.0e-6
@@ -54,12 +57,53 @@ def read_trajectory(
     return Trajectory(**arrays)
 
 
+def read_frames_from(path: str | Path, prim: str | None = None) -> float | None:
+    """When imaging may start [s], as a prim of an OpenUSD file says by its attribute ``sonarwarp:framesFrom``.
+
+    It counts as the times of :func:`read_trajectory` do; :func:`~sonarwarp_scenes.write_deployment` writes it.
+
+    Args:
+        path: the file.
+        prim: as for :func:`read_trajectory`.
+
+    Returns:
+        None where the prim does not say.
+
+    Raises:
+        ValueError: no such file or prim, one that cannot be read, several prims that move, or a value that is no finite
+            number; one line that names the file.
+        ModuleNotFoundError: usd-core is not installed.
+    """
+    _, frames_from = in_child("frames_from", readable(path), Conversion(), prim=prim)
+    return frames_from
+
+
 def trajectory_of_file(path: str, conversion: Conversion, prim: str | None) -> tuple[dict[str, np.ndarray], Any]:
     """Fields of the trajectory of a prim in a file."""
     from pxr import Usd
 
     trajectory = _trajectory(Usd.Stage.Open(path), conversion, prim)
     return {"times": trajectory.times, "poses": trajectory.poses}, None
+
+
+def frames_from_of_file(path: str, _: Conversion, prim: str | None) -> tuple[dict[str, np.ndarray], Any]:
+    """No arrays, and when imaging may start [s] as a prim in a file says, or None."""
+    from pxr import Usd
+
+    stage = Usd.Stage.Open(path)
+    # Half a stage could lack the prim, or hold another that moves.
+    check_composed(stage)
+    moving = _moving_prim(stage, prim)
+    attribute = moving.GetAttribute(FRAMES_FROM_ATTRIBUTE)
+    if not attribute or not attribute.HasValue():
+        return {}, None
+    place = f"{moving.GetPath()}: {FRAMES_FROM_ATTRIBUTE}"
+    value = attribute.Get()
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        shown = textwrap.shorten(repr(value), 60, placeholder=" ...")
+        raise ValueError(f"{place}: {shown}, must be one number [s] for all times")
+    check_finite(place, value)
+    return {}, float(value)
 
 
 def _trajectory(stage: Usd.Stage, conversion: Conversion, path: str | None) -> Trajectory:

@@ -33,11 +33,10 @@ from sonarwarp_scenes.usd_stage import (
     save,
     set_times,
 )
+from sonarwarp_scenes.usd_track import FRAMES_FROM_ATTRIBUTE
 
 if TYPE_CHECKING:
     from pxr import Sdf, Usd
-
-FRAMES_FROM_ATTRIBUTE = "sonarwarp:framesFrom"
 
 _SAND_COLOUR = (0.76, 0.66, 0.45)
 _OBJECT_COLOUR = (0.45, 0.47, 0.50)
@@ -129,8 +128,9 @@ def write_deployment(path: str | Path, deployment: Deployment, *, sonars: Sequen
 
     ``/World`` holds the meshes in the order of the scene's faces, the run as a curve, and ``Vehicle`` with time-sampled
     translation and orientation at the trajectory's poses, between which OpenUSD interpolates as ``Trajectory`` does.
-    Time code 0 is time 0. Under ``Vehicle`` stands every sonar with the outline of what it looks into; its attribute
-    ``sonarwarp:framesFrom`` [s] says when imaging may start.
+    Time code 0 is time 0. The attribute ``sonarwarp:framesFrom`` [s] of ``Vehicle`` says when imaging may start, which
+    :func:`~sonarwarp_scenes.read_frames_from` reads back. Below it stands every sonar with the outline of what it looks
+    into.
 
     Args:
         path: as for :func:`write_scene`.

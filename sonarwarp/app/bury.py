@@ -74,6 +74,8 @@ def bury_file(
 ) -> dict[str, Any]:
     """Write what :func:`bury_mesh` makes as an OpenUSD stage that ``simulate`` takes and viewers play.
 
+    The stage says when imaging may start; so does what is returned.
+
     Args:
         mesh: mesh file or OpenUSD stage, z up.
         out: the stage.

@@ -118,7 +118,10 @@ def simulate(
         Path | None, typer.Option(help="CSV, TUM or OpenUSD file; the scene's own stage if none.")
     ] = None,
     scale: _Scale = None,
-    frames_from: Annotated[float, typer.Option(help="Time from which the FLS records [s].")] = 0.0,
+    frames_from: Annotated[
+        float | None,
+        typer.Option(help="Time from which the FLS records [s]; as the trajectory's stage says, or 0, if none."),
+    ] = None,
     truth: Annotated[bool, typer.Option("--truth", help="Keep first contacts of every beam too.")] = False,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an older log.")] = False,
     seed: _Seed = 0,

@@ -17,7 +17,7 @@ from sonarwarp.app.rows import METHODS, SURFACE_FIGURES
 from sonarwarp.checks import in_range
 from sonarwarp.toml_settings import read_configuration, read_settings
 from sonarwarp.trajectory_files import read_trajectory as read_text_trajectory
-from sonarwarp_scenes import Scene, Trajectory, read_scene
+from sonarwarp_scenes import Scene, Trajectory, read_frames_from, read_scene
 from sonarwarp_scenes import read_trajectory as read_stage_trajectory
 
 _STAGES = (".usd", ".usda", ".usdc", ".usdz")
@@ -31,7 +31,7 @@ def simulate_files(
     *,
     scale: float | None,
     seed: int,
-    frames_from: float,
+    frames_from: float | None,
     truth: bool,
     overwrite: bool,
     device: str,
@@ -46,7 +46,8 @@ def simulate_files(
         out: the log.
         scale: metres per unit of the scene's file; the file's own, or 1, if None.
         seed: of all noise.
-        frames_from: time from which the FLS records [s].
+        frames_from: time from which the FLS records [s]; None: as the stage says that the trajectory is read from, 0
+            where it does not or is no stage.
         truth: whether first contacts are kept too.
         overwrite: whether an older log may be replaced.
         device: Warp device.
@@ -57,7 +58,10 @@ def simulate_files(
     """
     configuration = read_configuration(rig)
     world, report = read_scene(scene, scale=scale)
-    way = _read_trajectory(scene if trajectory is None else trajectory)
+    track = scene if trajectory is None else trajectory
+    way = _read_trajectory(track)
+    if frames_from is None:
+        frames_from = _read_frames_from(track)
     survey, believed = sw.plan_disturbed(
         configuration.rig,
         [way],
@@ -84,6 +88,7 @@ def simulate_files(
         "log": str(out),
         "frames": len(survey.frames),
         "pings": len(survey.pings),
+        "imaging_from": float(survey.frames.time[0]),
         "triangles": len(world.faces),
         "parts": len(report.parts),
         "seed": seed,
@@ -91,7 +96,16 @@ def simulate_files(
 
 
 def _read_trajectory(path: Path) -> Trajectory:
-    return read_stage_trajectory(path) if path.suffix.lower() in _STAGES else read_text_trajectory(path)
+    return read_stage_trajectory(path) if _is_stage(path) else read_text_trajectory(path)
+
+
+def _read_frames_from(path: Path) -> float:
+    stated = read_frames_from(path) if _is_stage(path) else None
+    return 0.0 if stated is None else stated
+
+
+def _is_stage(path: Path) -> bool:
+    return path.suffix.lower() in _STAGES
 
 
 def reconstruct_files(
