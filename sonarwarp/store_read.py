@@ -43,12 +43,15 @@ _LARGEST_CHUNK = 1 << 30
 
 _WAY_OUT = "write the log anew, or restore it from a copy"
 
+_OTHER_SETTINGS = "give others: `sonarwarp reconstruct LOG --out OUT --settings FILE`, or settings= in code"
+
 
 def open_log(path: str | Path) -> StoredLog:
     """Open a log on disk, also one that is being written or whose writer was killed: what is complete of it.
 
     Raises:
-        StoreError: nothing there, something else than a log, another version, or a log that is damaged.
+        StoreError: nothing there, something else than a log, another version, or a log that is damaged, its
+            reconstruction settings excepted.
     """
     return StoredLog(path)
 
@@ -78,17 +81,13 @@ class StoredLog:
     noise: Noise | None
     """What a simulation added to the echoes."""
 
-    reconstruction: ReconstructionSettings | None
-    """Settings that go with the log."""
-
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
         attributes = _root_attributes(self.path)
-        with refusing(self.path, "settings cannot be read", _WAY_OUT):
+        with refusing(self.path, "rig or noise cannot be read", _WAY_OUT):
             rig = parse_rig(attributes["rig"], "rig")
             self.noise = parse_noise(attributes["noise"], "noise") if "noise" in attributes else None
-            settings = attributes.get("reconstruction")
-            self.reconstruction = None if settings is None else parse_settings(settings, "reconstruction")
+        self._settings_text = attributes.get("reconstruction")
         truth = attributes.get("truth")
         if truth not in TRUTHS:
             raise StoreError(f"{self.path}: truth: {truth!r}, must be one of {TRUTHS}; {_WAY_OUT}")
@@ -105,6 +104,20 @@ class StoredLog:
             self.truth = None if truth == TRUTHS[0] else _true_survey(self.survey, arrays, complete)
         met = CONTACT_VARIABLES if truth == TRUTHS[2] else ()
         self._contacts = [arrays.rows_of("truth", variable, complete) for variable in met]
+
+    @property
+    def reconstruction(self) -> ReconstructionSettings | None:
+        """Settings that go with the log, or None.
+
+        Read when they are asked for: recorded images must not be lost with a setting that this version does not know.
+
+        Raises:
+            StoreError: a setting that is unknown or out of bounds, or a text that is damaged.
+        """
+        if self._settings_text is None:
+            return None
+        with refusing(self.path, "its settings cannot be read", _OTHER_SETTINGS):
+            return parse_settings(self._settings_text, "reconstruction")
 
     @property
     def complete(self) -> bool:

@@ -4,6 +4,7 @@
 # OpenUSD fills its modules when they load, where no type checker sees it.
 
 import json
+import shutil
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -81,6 +82,27 @@ def test_clouds_are_those_of_reconstruct_in_every_format(folder):
             read = sw.read_cloud(folder / "clouds" / f"{method}{suffix}")
             assert np.allclose(read.points, wanted.points, atol=1e-6)
             assert set(read.attributes) == set(wanted.attributes)
+
+
+@pytest.mark.parametrize(
+    "text", ["[reconstruction]\nsparkle = 3\n", "[reconstr"], ids=["of another version", "damaged"]
+)
+def test_a_log_whose_settings_cannot_be_read_is_reconstructed_with_others(folder, tmp_path, text):
+    log = shutil.copytree(folder / "log", tmp_path / "log")
+    document = json.loads((log / "zarr.json").read_text())
+    document["attributes"]["reconstruction"] = text
+    (log / "zarr.json").write_text(json.dumps(document))
+    refused = sonarwarp("reconstruct", "log", "--out", "new", folder=tmp_path)
+    assert refused.returncode == 2
+    (line,) = refused.stderr.strip().splitlines()
+    assert line.startswith("sonarwarp: log: its settings cannot be read: reconstruction: ")
+    assert line.endswith("; give others: `sonarwarp reconstruct LOG --out OUT --settings FILE`, or settings= in code")
+    assert not (tmp_path / "new").exists()
+    others = ("--settings", str(folder / "rig.toml"), "--seed", "3")
+    built = sonarwarp("reconstruct", "log", "--out", "new", *others, folder=tmp_path)
+    assert built.returncode == 0, built.stderr
+    for name in ("single.npz", "fused.npz"):
+        assert (tmp_path / "new" / name).read_bytes() == (folder / "clouds" / name).read_bytes()
 
 
 def test_evaluate_measures_distances_to_the_scene(folder):

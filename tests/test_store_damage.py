@@ -45,7 +45,9 @@ def read_all(path):
     stored = open_log(path)
     loaded = stored.load()
     rows = np.arange(len(loaded.images))
-    return stored, loaded, stored.contacts_of(rows) if stored.has_contacts else None
+    contacts = stored.contacts_of(rows) if stored.has_contacts else None
+    assert stored.reconstruction is None
+    return stored, loaded, contacts
 
 
 def is_sound_or_refused(path: Path) -> str | None:
@@ -164,6 +166,38 @@ def test_every_attribute_made_hostile_is_refused_or_harmless(path, name):
     document["attributes"].pop(name)
     file.write_text(json.dumps(document))
     assert (is_sound_or_refused(path) is None) == (name in ("noise", "reconstruction"))
+
+
+OTHERS = "give others: `sonarwarp reconstruct LOG --out OUT --settings FILE`, or settings= in code"
+
+UNREADABLE = {
+    "of another version": ("[reconstruction]\nparticle = 32\n", "particle: unknown, did you mean 'particles'?"),
+    "without its table": ("[fls]\n", "no table [reconstruction]"),
+    "out of bounds": ("[reconstruction]\nparticles = -1\n", "reconstruction.particles: -1"),
+    "cut": ("[reconstruction]\npart", "not TOML"),
+    "no text": (7, ""),
+}
+
+
+@pytest.mark.parametrize("name", UNREADABLE)
+def test_settings_that_cannot_be_read_are_all_that_is_lost(path, name):
+    text, message = UNREADABLE[name]
+    file = path / "zarr.json"
+    document = json.loads(file.read_text())
+    document["attributes"]["reconstruction"] = text
+    file.write_text(json.dumps(document))
+    stored = open_log(path)
+    assert stored.complete
+    assert np.array_equal(stored.load().images, LOG.images)
+    assert np.array_equal(stored.load().echoes, LOG.echoes)
+    assert stored.truth is not None
+    assert same_survey(stored.truth, LOG.survey)
+    assert np.array_equal(stored.contacts_of(np.arange(FRAMES)).face, CONTACTS.face)
+    with pytest.raises(StoreError) as refusal:
+        _ = stored.reconstruction
+    assert str(refusal.value).startswith(f"{path}: its settings cannot be read: ")
+    assert message in str(refusal.value)
+    assert str(refusal.value).endswith("; " + OTHERS)
 
 
 def test_another_version_and_other_things_are_refused(path, tmp_path):

@@ -122,7 +122,7 @@ def reconstruct_files(
         watch: told of the work's progress.
 
     Raises:
-        ValueError: a log or file that cannot be read.
+        ValueError: a log or file that cannot be read, or the log's own settings, where they are wanted.
     """
     stored = sw.open_log(log)
     chosen = stored.reconstruction if settings is None else read_settings(settings)
