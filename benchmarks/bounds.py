@@ -1,7 +1,7 @@
 """What the reconstruction is to reach, and where it is known to fall short, as data: :mod:`benchmarks.targets` judges.
 
 Errors are rates |estimate - truth| / truth of the fused cloud, means over the seeds. One seed tells little of a mean:
-the shortfalls are of as many seeds as the README's tables have, 20 of the paper's experiments, two of other objects.
+the shortfalls are of as many seeds as the README's tables have, 20 of the paper's experiments, five of other objects.
 """
 
 from __future__ import annotations
@@ -132,17 +132,18 @@ _CORNERS = "the profiling sonar's fan tells no place across: the corners beside 
 _RECEDING = "a receding back sends too little to be detected, and part of it is hidden"
 
 SHORTFALLS = (
-    _general("25 deg", SLOPE, reason="one of two runs gives 0.074"),
-    _general("90 deg, 0.3 m", SLOPE, reason="one of two runs gives 0.077"),
-    _general("90 deg, 0.4 m, tilt 20 deg", AREA, reason="one of two runs gives 0.046"),
-    _general("standing cylinder, 0.6 m", SLOPE, reason="one of two runs has none"),
+    _general("25 deg", SLOPE, reason="one of five runs gives more than 0.07"),
+    _general("90 deg, 0.3 m", SLOPE, AREA, reason="a beam is as wide as half the face, and reaches over it"),
+    _general("90 deg, 0.4 m, tilt 20 deg", AREA, reason="0.048 over five runs, not explained yet"),
+    _general("standing cylinder, 0.6 m", SLOPE, reason="of five runs some have none"),
     _general("standing cylinder, 0.6 m", AREA, VOLUME, reason=_CORNERS),
-    _general("standing cylinder, 0.5 m", SLOPE, reason="one of two runs gives 0.089"),
-    _general("cone of 35 deg", SLOPE, reason="not explained yet: 0.062 and 0.155 in two runs"),
+    _general("standing cylinder, 0.5 m", SLOPE, reason="one of five runs gives 0.09"),
+    _general("standing cylinder, 0.5 m", VOLUME, reason=_CORNERS),
+    _general("cone of 35 deg", SLOPE, reason="not explained yet: 0.138 over five runs"),
     _general("cone of 35 deg", AREA, VOLUME, reason=_RECEDING),
-    _general("cone of 45 deg", SLOPE, reason="not explained yet: 0.104 and 0.096 in two runs"),
+    _general("cone of 45 deg", SLOPE, reason="not explained yet: 0.079 over five runs"),
     _general("cone of 45 deg", AREA, VOLUME, reason=_RECEDING),
-    _general("cone of 60 deg", SLOPE, reason="not explained yet: 0.041 and 0.060 in two runs"),
+    _general("cone of 60 deg", SLOPE, reason="not explained yet: 0.048 over five runs"),
     _general("cone of 60 deg", AREA, VOLUME, reason=_RECEDING),
     _general("frustum of 70 deg", AREA, VOLUME, reason=_RECEDING),
     _general("dome, 0.4 m", AREA, VOLUME, reason=_RECEDING),
@@ -159,12 +160,17 @@ SHORTFALLS = (
     Shortfall(
         subject=Subject(MESH, "vase, 0.7 m high"),
         figures=(MISSED,),
-        reason="not explained yet: completeness rises from 0.60 to 0.73, and 0.80 was aimed at",
+        reason="what lies inside the neck, under the handle and in the lowest centimetres gives no first contact",
     ),
     Shortfall(
         subject=Subject(MESH, "shell, 1.4 m long"),
-        figures=(RMS, P95, MISSED),
+        figures=(MISSED,),
         reason="flatter than the slope limit but for its sides, which few contacts meet",
+    ),
+    Shortfall(
+        subject=Subject(CALIBRATION, "top"),
+        figures=(COVERAGE,),
+        reason="a top lies at the beam's end, where its interval ends too: it is held in 99 %",
     ),
 )
 """All targets that are not reached yet."""

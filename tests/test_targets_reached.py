@@ -22,8 +22,8 @@ pytestmark = pytest.mark.nightly
 
 CASES = {(case.name, case.object, case.arrangement): case for case in (BRICK, *SLOPES, *PAIRS, *general.CASES)}
 
-SEEDS = {"field": 20, "slope-limit": 5, "deployments": 5, "general": 2}
-"""Runs of a case with field noise. The brick's differ most; of other objects, shortfalls are stated for two runs."""
+SEEDS = {"field": 20, "slope-limit": 5, "deployments": 5, "general": 5}
+"""Runs of a case with field noise. The brick's differ most; of other objects, shortfalls are stated for five runs."""
 
 
 def targets(*experiments):
