@@ -1,33 +1,31 @@
 """How sure each point is, and rightly so: ``python -m benchmarks.calibration``.
 
-Prints a table as Markdown, of the imaging sonar's points in the paper's experiments with field noise, pooled: how often
-their 95 % interval of elevation holds the true one, and how sharp they are, by class (top, front, fallback).
+Prints a table as Markdown, of the fused points in the paper's experiments with field noise, pooled: how often what they
+claim holds, and how sharp it is, by class. The imaging sonar's (top, front, fallback) claim an interval of elevation,
+the profiling sonar's (face) a distance across themselves (:mod:`sonarwarp.metrics.claims`).
 
-What a beam really met first is cast for with 3 x 512 rays in its true pose. Every tenth frame is enough, a second apart
-at the paper's 10 Hz: clouds are made of all frames, then cut to those.
+What an imaging beam really met first is cast for with 3 x 512 rays in its true pose. Every tenth frame is enough, a
+second apart at the paper's 10 Hz: clouds are made of all frames, then cut to those.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 import typer
 
-import sonarwarp as sw
 from benchmarks.run import machine
 from benchmarks.tables import markdown, prepare, write_json
 from sonarwarp.app.experiment import Run, run_batch
 from sonarwarp.app.paper_cases import BRICK, PAIRS, SLOPES, Case
 from sonarwarp.app.progress import Watch, show_progress
-from sonarwarp.metrics import evaluate
-from sonarwarp.survey import join_surveys
-from sonarwarp.truth import FirstContacts, first_contacts
-from sonarwarp_scenes import Scene
+from sonarwarp.metrics import Claims, contact_claims, evaluate_calibration, face_claims
+from sonarwarp.truth import first_contacts
 
 CASES = (
     BRICK,
@@ -39,25 +37,11 @@ CASES = (
 EVERY = 10
 """Frames from one whose first contacts are known to the next."""
 
-KINDS = ("top", "front", "fallback")
+KINDS = ("top", "front", "fallback", "face")
 """Classes of points, in the order of the table."""
 
 ALL = "all"
 """Experiment in rows where all are drawn together."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Judged:
-    """Some frames of a run: what was made of them, and what they met."""
-
-    cloud: sw.PointCloud
-    """The imaging sonar's points."""
-    truth: sw.Survey
-    """Frames with their true poses."""
-    contacts: FirstContacts
-    """What their beams met first, shape [frame, beam]."""
-    scene: Scene
-    """Where."""
 
 
 def main(
@@ -65,7 +49,7 @@ def main(
     json_file: Annotated[Path | None, typer.Option("--json", help="File for the rows, by experiment too.")] = None,
     device: Annotated[str, typer.Option(help="Warp device, such as cpu or cuda:0.")] = "cpu",
 ) -> None:
-    """Print coverage and sharpness of elevations as a Markdown table."""
+    """Print coverage and sharpness of points as a Markdown table."""
     place = prepare(json_file, device)
     with show_progress() as watch:
         measured = measure(CASES, seeds=range(seeds), device=place, watch=watch)
@@ -91,12 +75,12 @@ def measure(cases: Sequence[Case], *, seeds: Sequence[int], device: str, watch: 
         ]
         every += judged
         names = {"experiment": case.name, "object": case.object, "deployment": case.arrangement}
-        measured += _rows(judged, names, len(seeds), device)
-    return measured + _rows(every, {"experiment": ALL, "object": None, "deployment": None}, len(seeds), device)
+        measured += _rows(judged, names, len(seeds))
+    return measured + _rows(every, {"experiment": ALL, "object": None, "deployment": None}, len(seeds))
 
 
-def judge(run: Run, watch: Watch) -> Judged:
-    """Cut a run to every tenth frame, and cast for what those really met."""
+def judge(run: Run, watch: Watch) -> Claims:
+    """What a run's points claim, those of every tenth frame and of all pings, beside what is true."""
     frames, scene = run.truth.frames, run.experiment.deployment.scene
     kept = {column.name: getattr(frames, column.name)[::EVERY] for column in fields(frames)}
     truth = replace(run.truth, frames=replace(frames, **kept))
@@ -105,20 +89,14 @@ def judge(run: Run, watch: Watch) -> Judged:
     advance(1)
     cloud = run.clouds.fused
     # The profiling sonar's points number pings where these number frames.
-    imaged = cloud.attributes["source"] == 0
-    return Judged(
-        cloud=cloud.select(imaged & np.isin(cloud.attributes["frame"], truth.frames.number)),
-        truth=truth,
-        contacts=contacts,
-        scene=scene,
+    kept_points = (cloud.attributes["source"] == 1) | np.isin(cloud.attributes["frame"], truth.frames.number)
+    cloud = cloud.select(kept_points)
+    return Claims.join(
+        contact_claims(cloud, truth, scene, contacts), face_claims(cloud, truth, scene, device=run.device)
     )
 
 
-def _rows(judged: Sequence[Judged], names: dict[str, Any], seeds: int, device: str) -> list[dict[str, Any]]:
-    whole = join(judged)
-    found = evaluate(
-        whole.cloud, scene=whole.scene, survey=whole.truth, contacts=whole.contacts, device=device
-    ).calibration
+def _rows(claims: Sequence[Claims], names: dict[str, Any], seeds: int) -> list[dict[str, Any]]:
     return [
         {
             **names,
@@ -129,32 +107,8 @@ def _rows(judged: Sequence[Judged], names: dict[str, Any], seeds: int, device: s
             "coverage": metrics.coverage,
             "sharpness_deg": math.degrees(metrics.sharpness),
         }
-        for metrics in found
+        for metrics in evaluate_calibration(Claims.join(*claims))
     ]
-
-
-def join(judged: Sequence[Judged]) -> Judged:
-    """Several runs as one of several trajectories, each in a scene of its own that the others do not meet."""
-    clouds, contacts, faces = [], [], 0
-    for trajectory, part in enumerate(judged):
-        owner = np.full_like(part.cloud.attributes["trajectory"], trajectory)
-        clouds.append(
-            sw.PointCloud(points=part.cloud.points, attributes={**part.cloud.attributes, "trajectory": owner})
-        )
-        face = part.contacts.face
-        contacts.append(replace(part.contacts, face=np.where(face < 0, face, face + faces)))
-        faces += len(part.scene.faces)
-    return Judged(
-        cloud=sw.PointCloud.join(*clouds),
-        truth=join_surveys([part.truth for part in judged]),
-        contacts=FirstContacts(
-            **{
-                column.name: np.concatenate([getattr(part, column.name) for part in contacts])
-                for column in fields(FirstContacts)
-            }
-        ),
-        scene=Scene.join(*(part.scene for part in judged)),
-    )
 
 
 def table(measured: Sequence[dict[str, Any]]) -> str:
@@ -164,7 +118,7 @@ def table(measured: Sequence[dict[str, Any]]) -> str:
         (kind, str(row["points"]), f"{row['coverage']:.1%}", f"{row['sharpness_deg']:.2f}")
         for kind, row in ((kind, pooled[kind]) for kind in KINDS if kind in pooled)
     ]
-    return markdown(("Points", "Judged", "In the 95 % interval", "Median deviation [deg]"), lines)
+    return markdown(("Points", "Judged", "Held in 95 %", "Median deviation [deg]"), lines)
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ import warp as wp
 
 from sonarwarp import specs
 from sonarwarp.cloud import PointCloud
-from sonarwarp.clouds import face_cloud
+from sonarwarp.face_cloud import face_cloud
 from sonarwarp.settings import ReconstructionSettings
 from sonarwarp.survey import Survey, group_rows
 from sonarwarp_kernels import arcs, crowd, free_depth, fronts, repeats, sides, slots, tops
@@ -167,7 +167,12 @@ class Carver:
     def faces(self) -> PointCloud:
         """Points of the faces that :meth:`conclude` found."""
         found = {name: getattr(self._fronts, name).numpy() for name in fronts.FRONT_TYPES}
-        return face_cloud(self._survey, found, self._settings.faces.spacing)
+        return face_cloud(
+            self._survey,
+            found,
+            spacing=self._settings.faces.spacing,
+            registration=math.radians(self._settings.free_space.registration_deg),
+        )
 
 
 def _seabed_under_pings(survey: Survey) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Clouds made of what the kernels found: contacts of the imaging sonar, faces of the profiling sonar."""
+"""Both methods' clouds, and those made of the imaging sonar's contacts."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sonarwarp.cloud import NORMAL, PointCloud
-from sonarwarp.poses import rotate
+from sonarwarp.cloud import PointCloud
+from sonarwarp.cloud_attributes import covariance_attributes, normal_attributes
 from sonarwarp.survey import Survey
 from sonarwarp_kernels import critical, estimate
 
@@ -36,15 +36,6 @@ class Clouds:
     """The single-sonar method's points: every critical point at the beam's lower edge."""
 
 
-_COVARIANCE = (
-    ("covariance_xx", 0, 0),
-    ("covariance_yy", 1, 1),
-    ("covariance_zz", 2, 2),
-    ("covariance_xy", 0, 1),
-    ("covariance_xz", 0, 2),
-    ("covariance_yz", 1, 2),
-)
-
 _BELIEFS = (
     "elevation",
     "elevation_mean",
@@ -54,9 +45,6 @@ _BELIEFS = (
     "effective_size",
     "quality",
 )
-
-# What rounding leaves of a component that is zero, for poses of float32.
-_ROUNDING = 1e-6
 
 
 def single_cloud(survey: Survey, critical_range: np.ndarray, edge: np.ndarray) -> PointCloud:
@@ -96,8 +84,8 @@ def contact_cloud(
         attributes={
             **_contacts(survey, critical_range, found),
             **beliefs,
-            **_normal(np.zeros_like(points)),
-            **_covariance(estimates["covariance"][found]),
+            **normal_attributes(np.zeros_like(points)),
+            **covariance_attributes(estimates["covariance"][found]),
         },
     )
 
@@ -114,74 +102,3 @@ def _contacts(survey: Survey, critical_range: np.ndarray, found: np.ndarray) -> 
         "range": critical_range[found],
         "azimuth": survey.rig.fls.azimuth[beam],
     }
-
-
-def _normal(vectors: np.ndarray) -> dict[str, np.ndarray]:
-    return {name: values.astype(np.float32) for name, values in zip(NORMAL, vectors.T, strict=True)}
-
-
-def _covariance(matrix: np.ndarray) -> dict[str, np.ndarray]:
-    return {name: matrix[:, row, column].astype(np.float32) for name, row, column in _COVARIANCE}
-
-
-def face_cloud(survey: Survey, fronts: Mapping[str, np.ndarray], spacing: float) -> PointCloud:
-    """Points of the profiling sonar: every patch of a face filled from its lower to its upper end.
-
-    ``frame`` is the ping's number, ``beam`` the strip across the fan; ``azimuth`` is the angle across the fan and
-    ``elevation`` the one in the scan plane, positive upwards, or towards the head's y axis where that is level.
-
-    Args:
-        survey: the pings.
-        fronts: arrays of ``fronts.Fronts`` by name, shape [ping, footprint, column, ...].
-        spacing: distance between points [m].
-    """
-    patch = np.nonzero((fronts["found"] != 0) & (fronts["high"] >= fronts["low"]))
-    low, high = fronts["low"][patch], fronts["high"][patch]
-    count = np.floor((high - low) / spacing).astype(int) + 1
-    ping, column = np.repeat(patch[0], count), np.repeat(patch[2], count)
-    step = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
-    height = np.repeat(low, count) + spacing * (step + 0.5 * np.repeat((high - low) / spacing - count + 1, count))
-    run = np.repeat(fronts["run"][patch], count, axis=0)
-    points = np.repeat(fronts["point"][patch], count, axis=0) + height[:, None] * run
-    deviation = np.repeat(fronts["deviation"][patch], count)
-    head = survey.pings.head_pose[ping]
-    away = points - head[:, :3]
-    distance = np.linalg.norm(away, axis=1)
-    # Inverse of the head's turn: x along its axis, y in the scan plane, z across it. Lying on its side, either way
-    # round, its y axis points up or down.
-    seen = rotate(head[:, 3:] * (-1.0, -1.0, -1.0, 1.0), away)
-    upwards = np.where(rotate(head[:, 3:], np.array([0.0, 1.0, 0.0]))[:, 2] < -_ROUNDING, -1.0, 1.0)
-    elevation = upwards * np.arctan2(seen[:, 1], seen[:, 0])
-    axis = rotate(head[:, 3:], np.array([1.0, 0.0, 0.0]))
-    level = np.linalg.norm(axis[:, :2], axis=1, keepdims=True)
-    ahead = np.divide(axis * (1.0, 1.0, 0.0), level, out=np.zeros_like(axis), where=level > _ROUNDING)
-    incline = np.sum(run * ahead, axis=1, keepdims=True)
-    normal = (incline * (0.0, 0.0, 1.0) - ahead) / np.sqrt(1.0 + incline**2)
-    across = ahead[:, :, None] * ahead[:, None, :]
-    # A head that looks straight down does not say which way a face looks.
-    across[level[:, 0] <= _ROUNDING] = np.diag([1.0, 1.0, 0.0])
-    # A strip is known across and along itself to its own size, across the face to its line's deviation.
-    covariance = (deviation**2)[:, None, None] * across + spacing**2 / 12.0 * (np.eye(3) - across)
-    pings = survey.pings
-    return PointCloud(
-        points=points.astype(np.float32),
-        attributes={
-            "source": np.ones(len(points), dtype=np.int32),
-            "trajectory": pings.trajectory[ping].astype(np.int32),
-            "frame": pings.number[ping].astype(np.int32),
-            "beam": column.astype(np.int32),
-            "time": pings.time[ping],
-            "range": distance.astype(np.float32),
-            "azimuth": np.arcsin(seen[:, 2] / distance),
-            "elevation": elevation.astype(np.float32),
-            "elevation_mean": elevation.astype(np.float32),
-            "elevation_deviation": (deviation / distance).astype(np.float32),
-            "elevation_low": (elevation - float(estimate.NORMAL_INTERVAL) * deviation / distance).astype(np.float32),
-            "elevation_high": (elevation + float(estimate.NORMAL_INTERVAL) * deviation / distance).astype(np.float32),
-            "effective_size": np.ones(len(points), dtype=np.float32),
-            "quality": np.full(len(points), int(estimate.QUALITY_INFORMED), dtype=np.int32),
-            "hits": np.ones(len(points), dtype=np.int32),
-            **_normal(normal),
-            **_covariance(covariance),
-        },
-    )

@@ -91,22 +91,16 @@ def test_the_true_elevation_is_that_of_the_points_own_beam_and_frame(known, devi
         assert {row.coverage for row in found.calibration} == {coverage}
 
 
-def test_faces_of_the_profiling_sonar_do_not_count(known, device):
-    """Their ``frame`` is a ping and their ``beam`` a strip: neither need exist among frames and beams."""
+def test_contacts_are_judged_as_if_there_were_no_faces_and_faces_as_if_no_contacts(known, device):
     options = {name: known[name] for name in ("scene", "survey", "contacts")} | {"device": device}
-    contacts = sw.reconstruct(known["log"], settings=CARVED, device=device).fused
-    contacts = contacts.select(contacts.attributes["source"] == 0)
-    assert len(contacts) > 50
-    beyond = {
-        "source": np.ones_like(contacts.attributes["source"]),
-        "frame": contacts.attributes["frame"] + len(known["survey"].frames),
-        "beam": contacts.attributes["beam"] + RIG.fls.beams,
-    }
-    faces = sw.PointCloud(points=contacts.points, attributes=contacts.attributes | beyond)
-    want = evaluate(contacts, **options).calibration
-    assert sum(row.points for row in want) > 0
-    assert evaluate(sw.PointCloud.join(contacts, faces), **options).calibration == want
-    assert evaluate(faces, **options).calibration == []
+    fused = sw.reconstruct(known["log"], settings=CARVED, device=device).fused
+    source = fused.attributes["source"]
+    apart = [evaluate(fused.select(source == which), **options).calibration for which in (0, 1)]
+    assert all(apart)
+    assert {row.kind for row in apart[1]} == {"face"}
+    assert "face" not in {row.kind for row in apart[0]}
+    together = evaluate(fused, **options).calibration
+    assert sorted(together, key=lambda row: row.kind) == sorted([*apart[0], *apart[1]], key=lambda row: row.kind)
 
 
 def first_frames(survey, frames, pings):

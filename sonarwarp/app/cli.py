@@ -29,6 +29,9 @@ app = typer.Typer(
 # Typer's errors share a base that has no public name: it comes from click or from Typer's own copy of it.
 _UsageError: type[Exception] = typer.BadParameter.__mro__[1]  # pyright: ignore[reportAssignmentType]
 
+_INTERRUPTED = 130
+"""Exit code of what Ctrl-C ended."""
+
 _AsJson = Annotated[bool, typer.Option("--json", help="Print JSON on standard output, and nothing else there.")]
 
 
@@ -244,13 +247,15 @@ def main() -> None:
     try:
         with _one_line_errors():
             code = app(prog_name="sonarwarp", standalone_mode=False)
+            # Interrupted between commands, Typer may say so by its code alone.
+            if code == _INTERRUPTED:
+                raise KeyboardInterrupt
     except _UsageError as error:
         _complain(error.format_message())  # pyright: ignore[reportAttributeAccessIssue]
         code = 2
-    except typer.Exit as done:
-        code = done.exit_code
-    # Ctrl-C as the interpreter winds up would print a traceback.
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    finally:
+        # Ctrl-C as the interpreter winds up would print a traceback.
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
     sys.exit(code)
 
 
@@ -265,24 +270,24 @@ def _one_line_errors() -> Iterator[None]:
         # A writer notes how far it came.
         notes = getattr(interrupt, "__notes__", None)
         _complain(f"interrupted {notes[0]}" if notes else "interrupted; what was written so far is kept")
-        raise typer.Exit(130) from None
+        raise SystemExit(_INTERRUPTED) from None
     except BrokenPipeError:
         # Whoever read standard output has gone; the interpreter must not flush into the void when it ends.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        raise typer.Exit(1) from None
+        raise SystemExit(1) from None
     except (OSError, MemoryError) as error:
         _complain(str(error) or "out of memory")
-        raise typer.Exit(1) from None
+        raise SystemExit(1) from None
     except Exception as error:
         if _is_refusal(error):
             _complain(str(error))
-            raise typer.Exit(2) from None
+            raise SystemExit(2) from None
         way_out = "run again with SONARWARP_TRACEBACK=1 and report it"
         if os.environ.get("SONARWARP_TRACEBACK"):
             traceback.print_exception(error)
             way_out = "please report it with the traceback above"
         _complain(f"internal error: {type(error).__name__}: {error}; {way_out}")
-        raise typer.Exit(1) from None
+        raise SystemExit(1) from None
 
 
 def _is_refusal(error: Exception) -> bool:

@@ -19,8 +19,7 @@ from sonarwarp.toml_settings import read_configuration, read_settings
 from sonarwarp.trajectory_files import read_trajectory as read_text_trajectory
 from sonarwarp_scenes import Scene, Trajectory, read_frames_from, read_scene
 from sonarwarp_scenes import read_trajectory as read_stage_trajectory
-
-_STAGES = (".usd", ".usda", ".usdc", ".usdz")
+from sonarwarp_scenes.files import USD_SUFFIXES
 
 
 def simulate_files(
@@ -105,7 +104,7 @@ def _read_frames_from(path: Path) -> float:
 
 
 def _is_stage(path: Path) -> bool:
-    return path.suffix.lower() in _STAGES
+    return path.suffix.lower() in USD_SUFFIXES
 
 
 def reconstruct_files(

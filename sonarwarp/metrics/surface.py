@@ -262,6 +262,26 @@ def evaluate_surface(
     return [_metrics(a, b, tolerance) for a, b in zip(to_surface, to_cloud, strict=True)]
 
 
+def surface_distances(
+    vertices: ArrayLike, faces: ArrayLike, points: ArrayLike, *, device: str | wp.Device | None = None
+) -> np.ndarray:
+    """Distance of points to the nearest place of a surface [m], shape [point].
+
+    Args:
+        vertices: corner positions [m], shape [vertex, 3].
+        faces: vertex indices, shape [face, 3].
+        points: shape [point, 3] [m].
+        device: where to compute.
+
+    Raises:
+        ValueError: an empty or broken mesh, an array of another shape or not finite.
+    """
+    corners, indices = _checked_mesh(vertices, faces)
+    origin = _origin(corners)
+    away = finite_array("points", points, shape=(None, 3)) - origin
+    return _to_surface(corners - origin, indices, [away], wp.get_device(device), cpu_threads())[0][0]
+
+
 def checked_part(part: ArrayLike, faces: int) -> np.ndarray:
     """A part of a mesh as booleans, shape [face].
 
