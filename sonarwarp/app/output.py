@@ -12,6 +12,7 @@ from typing import Any
 from sonarwarp.app.experiment import Run
 from sonarwarp.app.machine import describe_device, versions
 from sonarwarp.app.rows import METHODS
+from sonarwarp.durable import replace_text
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,5 +60,5 @@ def write_metrics(out: Path, rows: Sequence[Mapping[str, Any]], device: str, sec
     """Write rows, and what they were made on and how long that took [s], as ``metrics.json``; the path."""
     record = {"rows": rows, "device": describe_device(device), "versions": versions(), "seconds": seconds}
     path = out / "metrics.json"
-    path.write_text(json.dumps(record, indent=2, allow_nan=False) + "\n")
+    replace_text(path, json.dumps(record, indent=2, allow_nan=False) + "\n")
     return path

@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from sonarwarp.durable import replacing
+
 # A page is read at 100 dots an inch.
 _DPI = 100
 
@@ -48,5 +50,6 @@ class Page:
         return self.figure.add_axes(place, **how)
 
     def save(self, path: Path) -> None:
-        """Write the page."""
-        self.figure.savefig(path)
+        """Write the page, in one step over an older one."""
+        with replacing(path) as file:
+            self.figure.savefig(file, format="png")
