@@ -287,6 +287,10 @@ class Faces:
     deviation: float = 0.015
     """Standard deviation of a footprint from its face [m]."""
 
+    least_slope_deg: float = 40.0
+    """Least slope of a face's line [deg]: the imaging sonar sees what is flatter than its slope limit as it is (Eq. 4,
+    50 deg for the paper's mount), and the line of a steeper face may come out 10 deg flatter."""
+
     clearance: float = 0.04
     """A ray that runs this deep under contacts has met the object before the face [m]."""
 
@@ -294,6 +298,7 @@ class Faces:
         in_range("Faces.compact", self.compact, 0.0, 10.0)
         in_range("Faces.spacing", self.spacing, 1e-3, 10.0)
         in_range("Faces.in_doubt", self.in_doubt, -10.0, 10.0)
+        in_range("Faces.least_slope_deg", self.least_slope_deg, 1.0, 90.0)
         in_range("Faces.clearance", self.clearance, 0.0, 10.0)
         for name in ("before", "behind"):
             in_range(f"Faces.{name}", getattr(self, name), 0.0, 10.0)

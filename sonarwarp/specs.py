@@ -109,6 +109,7 @@ def front_model(settings: ReconstructionSettings, ps: PS) -> fronts.FrontModel:
     chosen.half_fan = math.radians(ps.fan_beamwidth_deg) / 2
     chosen.reach = settings.free_space.reach
     chosen.least_height = settings.free_space.least_height
+    chosen.most_run = 1.0 / math.tan(math.radians(settings.faces.least_slope_deg))
     for name in (
         "compact",
         "spacing",

@@ -88,6 +88,13 @@ def test_patches_stand_on_the_wall_as_inclined_as_it_is(device, name, heading_de
     assert np.abs(np.degrees(np.arctan2(run[:, 2], run[:, 0]) - slope)).max() < 0.5
 
 
+@pytest.mark.parametrize(("slope_deg", "is_face"), [(62.0, True), (58.0, False)])
+def test_a_wall_that_the_imaging_sonar_sees_as_it_is_has_no_face(device, slope_deg, is_face):
+    scene = WallWorld.passing(Wall(slope_deg), lowest_contact=0.3).scene()
+    assert any_found(device, scene)
+    assert any_found(device, scene, most_run=1.0 / np.tan(np.radians(60.0))) == is_face
+
+
 @pytest.mark.parametrize("heading_deg", [37, 90, 180, 255])
 def test_a_turned_world_has_the_same_patches_turned(device, heading_deg):
     turned = replace(UPRIGHT, heading=np.radians(heading_deg))
@@ -335,7 +342,7 @@ def oracle(scene, columns, **changed):
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_random_scenes_match_the_oracle(device, seed):
     scene = random_scene(seed)
-    changed = {"spacing": 0.04, "clearance": 0.15, "behind": 0.09}
+    changed = {"spacing": 0.04, "clearance": 0.15, "behind": 0.09, "most_run": 0.1}
     got = find(device, scene, columns=13, **changed)
     want = oracle(scene, 13, **changed)
     found = {key for key, patch in want.items() if patch}

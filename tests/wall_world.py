@@ -26,6 +26,7 @@ MODEL = {
     "window_along": 0.12,
     "window_height": 0.25,
     "deviation": 0.015,
+    "most_run": 1.2,
     "clearance": 0.04,
 }
 CELL = 0.02

@@ -28,6 +28,7 @@ class FrontModel:
     window_along: float  # other footprints count up to this far along the way [m]
     window_height: float  # and up to this far in height [m]
     deviation: float  # of a footprint from its face's line [m]
+    most_run: float  # most way back of a face over its height: flatter ones the imaging sonar sees as they are
     clearance: float  # a ray that runs this deep under contacts has met the object before the face [m]
 
 

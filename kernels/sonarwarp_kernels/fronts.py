@@ -12,7 +12,8 @@ its narrow beam, all at one range. Where across its wide fan that face stands, t
   steeply, has no faces in it.
 
 At each place a robust line, run over height, goes through the footprints of other pings there, so that a face appears
-as inclined as it is. The patch is that line over the height of the beam.
+as inclined as it is. The patch is that line over the height of the beam. One that is flatter than the imaging sonar's
+slope limit is none: of such a surface every place is met first by some beam, and a fan of 20 degrees blurs it.
 """
 
 from typing import Any
@@ -284,7 +285,7 @@ def find_fronts_kernel(
             run = (sum_hx - total * mean_h * mean_x) / (spread + 4.0e-4)
             place = mean_x - run * mean_h
             variance = sum_rr / total
-    if members < 2 or wp.abs(place) > 2.0 * model.deviation:
+    if members < 2 or wp.abs(place) > 2.0 * model.deviation or run > model.most_run:
         return
     low = wp.max(axis_height - half_height, ground + 0.5 * model.least_height)
     high = wp.min(axis_height + half_height, ceiling)

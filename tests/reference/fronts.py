@@ -158,7 +158,7 @@ def patch(model: Any, box: Box, pings: list, ping: int, which: int, angle: float
         residual = (along - place - run * height) / model.deviation
         weight = closeness / (1.0 + residual**2) if number else closeness
         place, run = fit(height, along, weight)
-    if abs(place) > 2 * model.deviation:
+    if abs(place) > 2 * model.deviation or run > model.most_run:
         return None
     variance = np.average(residual**2, weights=weight)
     low, high = max(axis[2] - half, seabed + model.least_height / 2), min(axis[2] + half, top)
