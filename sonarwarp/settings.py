@@ -193,14 +193,19 @@ class FreeSpace:
     """Part of a beam's elevation that proves nothing, at either edge [deg]: boresight and attitude err by 0.2 deg."""
 
     proven: float = -0.02
-    """Least free depth that tells anything [m]: less is as likely, be it behind the surface or unseen."""
+    """Least free depth that tells anything [m]: less, behind the surface, is as likely."""
+
+    solid: float = 0.03
+    """Most free depth of a contact's own place [m]: cells of 2 cm smooth corners. Where all that is known of an arc is
+    freer, it rather lies where nothing is known."""
 
     deviation: float = 0.014
     """Standard deviation of a contact's free depth about the least on its arc [m]. Sharper ones follow the wedge that
     consecutive arcs leave in doubt, blunter ones leave round shapes to the profiling sonar, which knows them less."""
 
-    odds_power: float = 0.75
-    """Power of the profiling sonar's odds on an arc: pings overlap and share their evidence."""
+    odds_power: float = 0.5
+    """Power of the profiling sonar's odds on an arc: pings overlap and share their evidence, and its wide fan credits a
+    near face to all of its width."""
 
     least_height: float = 0.06
     """Least height over the seabed of a contact that gives a point [m]: a seabed of 1 cm RMS, an altitude wrong by 1 cm
@@ -209,11 +214,11 @@ class FreeSpace:
     informed_deg: float = 1.5
     """Most standard deviation of elevation of an informed point [deg]."""
 
-    sharpness: float = 2.0
+    sharpness: float = 3.0
     """Power of an arc's weights that counts for the interval of elevation, calibrated on ten runs with noise: the
     deviation above is wide, for the sake of the likeliest place."""
 
-    registration_deg: float = 0.45
+    registration_deg: float = 0.4
     """Standard deviation of elevation between both sonars [deg]: boresights and the head's zero err by 0.2 deg each,
     lever arms, depth and altitude of 1 cm each by 0.15 deg at 4 m, the attitude by 0.1 deg. A run keeps its error."""
 
@@ -242,6 +247,7 @@ class FreeSpace:
         in_range("FreeSpace.reach", self.reach, 1e-3, 10.0)
         in_range("FreeSpace.guard", self.guard, 0.0, 10.0)
         in_range("FreeSpace.margin_deg", self.margin_deg, 0.0, 45.0)
+        in_range("FreeSpace.solid", self.solid, 0.0, 10.0)
         in_range("FreeSpace.proven", self.proven, -10.0, 10.0)
         in_range("FreeSpace.deviation", self.deviation, 1e-4, 10.0)
         in_range("FreeSpace.odds_power", self.odds_power, 0.0, 1.0)
@@ -291,6 +297,13 @@ class Faces:
     """Least slope of a face's line [deg]: the imaging sonar sees what is flatter than its slope limit as it is (Eq. 4,
     50 deg for the paper's mount), and the line of a steeper face may come out 10 deg flatter."""
 
+    overhang_deg: float = 15.0
+    """Most that a face's line leans forward [deg]: lines of upright faces err by so much. Of a wreck's that leaned 15
+    to 25 deg, half lay more than 5 cm off."""
+
+    least_spread: float = 0.01
+    """Least standard deviation of the heights that a face's line goes through [m]: at one height it has no slope."""
+
     clearance: float = 0.04
     """A ray that runs this deep under contacts has met the object before the face [m]."""
 
@@ -299,6 +312,8 @@ class Faces:
         in_range("Faces.spacing", self.spacing, 1e-3, 10.0)
         in_range("Faces.in_doubt", self.in_doubt, -10.0, 10.0)
         in_range("Faces.least_slope_deg", self.least_slope_deg, 1.0, 90.0)
+        in_range("Faces.overhang_deg", self.overhang_deg, 0.0, 89.0)
+        in_range("Faces.least_spread", self.least_spread, 0.0, 10.0)
         in_range("Faces.clearance", self.clearance, 0.0, 10.0)
         for name in ("before", "behind"):
             in_range(f"Faces.{name}", getattr(self, name), 0.0, 10.0)

@@ -84,6 +84,7 @@ def arc_model(settings: ReconstructionSettings) -> arcs.ArcModel:
     chosen = arcs.ArcModel()
     chosen.reach = settings.free_space.reach
     chosen.proven = settings.free_space.proven
+    chosen.solid = settings.free_space.solid
     chosen.deviation = settings.free_space.deviation
     chosen.odds_power = settings.free_space.odds_power
     chosen.range_deviation = settings.mixture.deviation
@@ -110,6 +111,7 @@ def front_model(settings: ReconstructionSettings, ps: PS) -> fronts.FrontModel:
     chosen.reach = settings.free_space.reach
     chosen.least_height = settings.free_space.least_height
     chosen.most_run = 1.0 / math.tan(math.radians(settings.faces.least_slope_deg))
+    chosen.least_run = -math.tan(math.radians(settings.faces.overhang_deg))
     for name in (
         "compact",
         "spacing",
@@ -119,6 +121,7 @@ def front_model(settings: ReconstructionSettings, ps: PS) -> fronts.FrontModel:
         "window_along",
         "window_height",
         "deviation",
+        "least_spread",
         "clearance",
     ):
         setattr(chosen, name, getattr(settings.faces, name))

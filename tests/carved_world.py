@@ -18,6 +18,7 @@ UNEVEN = np.float32([-0.5, -0.42, -0.3, 0.1, 0.15, 0.4])
 
 DOUBT = {
     "proven": -0.2,
+    "solid": 1.0,
     "deviation": 0.1,
     "odds_power": 0.7,
     "range_deviation": 0.3,

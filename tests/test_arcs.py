@@ -57,9 +57,12 @@ def steepest(values):
 
 @pytest.mark.parametrize("cone", [0, 1])
 @pytest.mark.parametrize("number", [1, 6, 64, 250])
-@pytest.mark.parametrize(("attitude", "proven"), [("tilted", -1.0), ("upside down", -0.2), ("upwards", 0.0)])
-def test_moments_are_those_of_the_weighted_hypotheses(device, attitude, proven, number, cone):
-    world, cells = with_fields(everywhere(attitude, cone=cone, doubt=DOUBT | {"proven": proven, "deviation": 0.3}))
+@pytest.mark.parametrize(
+    ("attitude", "proven", "solid"), [("tilted", -1.0, 1.0), ("upside down", -0.2, 0.1), ("upwards", 0.0, 0.0)]
+)
+def test_moments_are_those_of_the_weighted_hypotheses(device, attitude, proven, solid, number, cone):
+    doubt = DOUBT | {"proven": proven, "solid": solid, "deviation": 0.3}
+    world, cells = with_fields(everywhere(attitude, cone=cone, doubt=doubt))
     got = world.estimate_arcs(device, cells, number)
     # A place in error moves along all three axes of both fields. A doubt's exponent is 8 at most, 4 deviations.
     step = 3 * LENGTH / world.cell
@@ -147,6 +150,26 @@ def test_an_arc_that_both_sonars_hold_empty_leaves_all_places_alike(device, low)
     np.testing.assert_allclose(got["effective_size"][found], 64, rtol=64 * EPSILON)
     for name in ("mean", "covariance", "likely", "elevation_deviation"):
         assert np.all(np.isfinite(got[name][found]))
+
+
+@pytest.mark.parametrize("depth", [-0.3, 0.05, 0.2])
+def test_where_nothing_is_known_a_place_is_as_likely_as_the_least_free_but_no_freer_than_solid_water(device, depth):
+    """The upper half of every arc, known to be as free as that, against the lower one of which nothing is known."""
+    world = everywhere("level", doubt=DOUBT | {"proven": -0.2, "solid": 0.1, "deviation": 0.1})
+    inside = replace(world, origin=world.origin - np.float32(3.0), cell=0.4)
+    upper = np.full(world.counts.shape, UNASKED, dtype=np.float32)
+    for at in contacts(inside):
+        _, where, _ = reference.weights(inside, *at, upper, 64)
+        owner = world.trajectory[at[0]]
+        height = (where[:, 2] - inside.origin[owner][2]) / inside.cell
+        cells = np.full(world.counts.shape, UNASKED, dtype=np.float32)
+        split = int(np.median(height))
+        cells[..., split:] = depth
+        got = inside.estimate_arcs(device, cells, 64)["effective_size"][at]
+        known = np.sum(height >= split)
+        freer = max(depth, -0.2) - min(max(depth, -0.2), 0.1)
+        weight = np.exp(-0.5 * (freer / 0.1) ** 2)
+        assert got == pytest.approx((64 - known + known * weight) ** 2 / (64 - known + known * weight**2), rel=1e-4)
 
 
 @pytest.mark.parametrize("elevation", [-0.2, 0.0, 0.2])
@@ -333,7 +356,7 @@ def approach(along, length, top=0.6, height=1.8, tilt=0.6, half=0.12, late=0.0):
         size=size,
         reach=0.1,
         margin=0.004,
-        doubt=DOUBT | {"proven": 0.0, "deviation": 0.015, "range_deviation": 0.01, "least_height": 0.06},
+        doubt=DOUBT | {"proven": 0.0, "solid": 0.03, "deviation": 0.015, "range_deviation": 0.01, "least_height": 0.06},
         certain=0.026,
     )
 

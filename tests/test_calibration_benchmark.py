@@ -19,7 +19,7 @@ SMALL = (
 @pytest.fixture(scope="module", name="judged")
 def judged_fixture(device):
     """Runs, and what their points claim."""
-    runs = [run_batch([case.experiment(4, "field")], device=device, watch=watch)[0] for case in SMALL]
+    runs = [run_batch([case.experiment(8, "field")], device=device, watch=watch)[0] for case in SMALL]
     return [(run, judge(run, watch)) for run in runs]
 
 
@@ -38,7 +38,7 @@ def test_contacts_of_every_tenth_frame_and_all_faces_are_judged(judged):
 
 
 def test_small_cases_give_rows_by_experiment_and_the_documented_columns(device):
-    measured = measure(SMALL, seeds=(3, 4), device=device, watch=watch)
+    measured = measure(SMALL, seeds=(4, 8), device=device, watch=watch)
     assert list(dict.fromkeys((row["experiment"], row["object"]) for row in measured)) == [
         ("field", "brick"),
         ("deployments", "90"),

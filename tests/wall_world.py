@@ -27,6 +27,8 @@ MODEL = {
     "window_height": 0.25,
     "deviation": 0.015,
     "most_run": 1.2,
+    "least_run": -1.0,
+    "least_spread": 0.0,
     "clearance": 0.04,
 }
 CELL = 0.02

@@ -1,9 +1,10 @@
 """Where on its elevation arc a critical point lies, judged by both sonars together.
 
 A critical point fixes range and azimuth; the arc over the beam's elevation remains. Hypotheses on it, evenly spaced,
-weigh as likely as the profiling sonar's field holds them occupied and as the free depth leaves them in doubt: a contact
-lies where it is smallest along its own arc, so a common error of range or navigation cancels. The range needs no
-particles: its deviation, half a bin, is little beside what the free depth's allows for.
+weigh as likely as the profiling sonar's field holds them occupied and as the free depth leaves them in doubt: a
+contact lies where it is smallest along its own arc, so a common error of range or navigation cancels. Where nobody
+else looked nothing is known, which is as good as the least. The range needs no particles: its deviation, half a bin,
+is little beside what the free depth's allows for.
 
 Exactly one place on the arc is the contact, so the field counts by its odds: that i alone is occupied is as likely as
 p_i prod_{j != i} (1 - p_j), which is proportional to p_i / (1 - p_i), the exponential of the log-odds. The
@@ -54,6 +55,7 @@ class ArcModel:
 
     reach: float  # bound of the free depths [m]
     proven: float  # least free depth that tells anything: less is as likely, be it behind the surface or unseen [m]
+    solid: float  # most free depth of a contact's own place: cells smooth corners [m]
     deviation: float  # of a contact's free depth about its arc's least [m]
     odds_power: float  # power of the field's odds that counts: pings that overlap share their evidence
     range_deviation: float  # of the critical range [m]
@@ -66,6 +68,8 @@ class ArcModel:
 @wp.func
 def doubt(model: ArcModel, free_depth: float, least: float) -> float:
     """Likelihood that a place is not empty: its free depth against the arc's least one."""
+    if free_depth <= -model.reach:
+        return 1.0
     away = wp.max(free_depth - least, 0.0) / model.deviation
     return wp.exp(-wp.min(0.5 * away * away, MOST_DOUBT))
 
@@ -130,10 +134,12 @@ def estimate_arcs_kernel(
     pose = contacts.world_from_sensor[frame]
     azimuth = fan.azimuth[beam]
     step = (fan.elevation_max - fan.elevation_min) / float(hypotheses)
-    least = float(model.reach)
+    least = float(model.solid)
     for number in range(0, hypotheses, MINIMUM_STEP):
         point = world_point(pose, azimuth, hypothesis(fan, number, hypotheses), critical, fan.cone)
-        least = wp.min(least, wp.max(read_free_depth(grid, free_depth, owner, point, model.reach), model.proven))
+        depth = read_free_depth(grid, free_depth, owner, point, model.reach)
+        if depth > -model.reach:
+            least = wp.min(least, wp.max(depth, model.proven))
     # Moments about the beam's middle, so that squares stay small in float32.
     centre = world_point(pose, azimuth, 0.0, critical, fan.cone)
     total = float(0.0)

@@ -29,6 +29,8 @@ class FrontModel:
     window_height: float  # and up to this far in height [m]
     deviation: float  # of a footprint from its face's line [m]
     most_run: float  # most way back of a face over its height: flatter ones the imaging sonar sees as they are
+    least_run: float  # and the least, below zero where a face may overhang
+    least_spread: float  # standard deviation of the heights that a face's line goes through [m]
     clearance: float  # a ray that runs this deep under contacts has met the object before the face [m]
 
 

@@ -306,7 +306,10 @@ def cell_free_depth(
 
 @wp.func
 def read_free_depth(grid: Grid, free_depth: wp.array4d(dtype=float), owner: int, point: wp.vec3, reach: float) -> float:
-    """Free depth [m] at a world ``point``, trilinear between cell centres."""
+    """Free depth [m] at a world ``point``, trilinear between cell centres that anything is known of.
+
+    Minus the reach where less than half of what counts there is known: no two frames looked, or all from behind.
+    """
     size = grid.size[owner]
     place = (point - grid.origin[owner]) / grid.cell - wp.vec3(0.5, 0.5, 0.5)
     ix = int(wp.floor(place[0]))
@@ -314,8 +317,14 @@ def read_free_depth(grid: Grid, free_depth: wp.array4d(dtype=float), owner: int,
     iz = int(wp.floor(place[2]))
     fraction = place - wp.vec3(float(ix), float(iy), float(iz))
     total = float(0.0)
+    known = float(0.0)
     for corner in range(8):
         dx, dy, dz = corner & 1, (corner >> 1) & 1, corner >> 2
         value = cell_free_depth(free_depth, size, owner, ix + dx, iy + dy, iz + dz, reach)
-        total += corner_weight(fraction, corner) * value
-    return total
+        if value > -reach:
+            weight = corner_weight(fraction, corner)
+            total += weight * value
+            known += weight
+    if known < 0.5:
+        return -reach
+    return total / known

@@ -13,13 +13,15 @@ its narrow beam, all at one range. Where across its wide fan that face stands, t
 
 At each place a robust line, run over height, goes through the footprints of other pings there, so that a face appears
 as inclined as it is. The patch is that line over the height of the beam. One that is flatter than the imaging sonar's
-slope limit is none: of such a surface every place is met first by some beam, and a fan of 20 degrees blurs it.
+slope limit is none: of such a surface every place is met first by some beam, and a fan of 20 degrees blurs it. Nor is
+one that overhangs, or whose footprints all lie at one height: the one comes of two things, the other has no slope.
 """
 
 from typing import Any
 
 import warp as wp
 
+from sonarwarp_kernels.edges import highest_along, highest_before, is_covered
 from sonarwarp_kernels.faces import (
     FrontModel,
     Profiles,
@@ -36,24 +38,11 @@ from sonarwarp_kernels.free_depth import ask_around, read_free_depth
 from sonarwarp_kernels.launch import check_array, launch
 from sonarwarp_kernels.profile import NO_FOOTPRINT
 from sonarwarp_kernels.specs import Grid
-from sonarwarp_kernels.tops import NO_HEIGHT, top_height
 
 wp.set_module_options({"enable_backward": False})
 
 # Rounds of weighing residuals anew; the line has settled after three.
 ROUNDS = wp.constant(4)
-
-# From the slope on that an imaging sonar no longer sees as it is, 50 degrees, faces are ours; and how far behind their
-# foot the contacts at their upper edge may be looked for [m].
-STEEP = wp.constant(1.2)
-FURTHEST_TOP = wp.constant(1.0)
-
-# How a ray is followed back to see whether it ran through the object [m].
-COVER_STEP = wp.constant(0.05)
-COVER_STEPS = wp.constant(40)
-
-# Not from the face itself: contacts scatter about its edge.
-COVER_START = wp.constant(3)
 
 
 @wp.struct
@@ -77,33 +66,6 @@ FRONT_TYPES = {
     "deviation": wp.float32,
 }
 """Element type of each array in :class:`Fronts`, for whoever allocates them."""
-
-
-@wp.func
-def highest_along(
-    grid: Grid, model: FrontModel, top: wp.array3d(dtype=int), owner: int, point: wp.vec3, ahead: wp.vec3
-) -> float:
-    """Highest contact that a face may end at, along the way: close by, or so high that the face to it is steep."""
-    highest = float(NO_HEIGHT)
-    steps = int(wp.ceil((model.before + FURTHEST_TOP) / grid.cell))
-    for step in range(steps + 1):
-        away = float(step) * grid.cell - model.before
-        height = top_height(grid, top, owner, point + away * ahead)
-        if away <= model.behind or height - point[2] > STEEP * away:
-            highest = wp.max(highest, height)
-    return highest
-
-
-@wp.func
-def highest_before(
-    grid: Grid, model: FrontModel, top: wp.array3d(dtype=int), owner: int, point: wp.vec3, ahead: wp.vec3
-) -> float:
-    """Highest contact that stands before a face, too far to be its upper edge."""
-    highest = float(NO_HEIGHT)
-    for step in range(1, int(wp.ceil((model.behind - model.before) / grid.cell)) + 1):
-        away = model.before + float(step) * grid.cell
-        highest = wp.max(highest, top_height(grid, top, owner, point - away * ahead))
-    return highest
 
 
 @wp.kernel
@@ -155,19 +117,6 @@ def ask_sheets(
     # Places between two strips are read too.
     between = 2 * columns - 1
     launch(ask_sheets_kernel, (pings * footprints, between), [grid, model, profiles, between], [free_depth_out], device)
-
-
-@wp.func
-def is_covered(
-    grid: Grid, top: wp.array3d(dtype=int), owner: int, head: wp.vec3, point: wp.vec3, clearance: float
-) -> bool:
-    """Whether the ray from a head to a point runs under contacts, ``clearance`` deep, on its last two metres."""
-    back = wp.normalize(head - point)
-    covered = bool(False)
-    for step in range(COVER_START, COVER_STEPS):
-        place = point + COVER_STEP * float(step) * back
-        covered = covered or place[2] < top_height(grid, top, owner, place) - clearance
-    return covered
 
 
 @wp.func
@@ -233,6 +182,7 @@ def find_fronts_kernel(
     place = float(0.0)
     run = float(0.0)
     variance = float(0.0)
+    spread = float(0.0)
     members = int(0)
     for round in range(ROUNDS):
         # Sums of weights, heights h and positions x along the way, relative to the point.
@@ -280,12 +230,15 @@ def find_fronts_kernel(
         if total > 0.0:
             mean_h = sum_h / total
             mean_x = sum_x / total
-            spread = sum_hh - total * mean_h * mean_h
-            # As if one more footprint, at the mean, knew its height to 2 cm: a line through one height stands upright.
-            run = (sum_hx - total * mean_h * mean_x) / (spread + 4.0e-4)
+            moment = sum_hh - total * mean_h * mean_h
+            # As if one more footprint, at the mean, knew its height to 2 cm: a line through few heights stands upright.
+            run = (sum_hx - total * mean_h * mean_x) / (moment + 4.0e-4)
             place = mean_x - run * mean_h
             variance = sum_rr / total
-    if members < 2 or wp.abs(place) > 2.0 * model.deviation or run > model.most_run:
+            spread = moment / total
+    if members < 2 or wp.abs(place) > 2.0 * model.deviation:
+        return
+    if run > model.most_run or run < model.least_run or spread < model.least_spread * model.least_spread:
         return
     low = wp.max(axis_height - half_height, ground + 0.5 * model.least_height)
     high = wp.min(axis_height + half_height, ceiling)

@@ -17,9 +17,11 @@ def weights(world, frame: int, beam: int, cells, number: int) -> tuple[np.ndarra
     owner = world.trajectory[frame]
     origin, size = world.origin[owner].astype(np.float64), world.size[owner]
     depth = free_depth.read(cells[owner], origin, world.cell, size, where, world.reach)
+    known = depth > -world.reach
     depth = np.maximum(depth, world.doubt["proven"])
-    # Every fourth looks for the least; none keeps less than exp(-8).
-    least = min(world.reach, depth[::4].min())
+    # Every fourth looks for the least; none keeps less than exp(-8), and nothing known is as good as the least.
+    least = min(world.doubt["solid"], depth[::4][known[::4]].min(initial=np.inf))
+    depth[~known] = least
     away = np.clip(depth - least, 0.0, None) / world.doubt["deviation"]
     counts = world.counts[owner][: size[0], : size[1], : size[2]]
     held = read_log_odds(counts, origin, float(np.float32(world.cell)), where, world.low, world.high)

@@ -81,7 +81,17 @@ def around(world, owner: int, where, slack: float) -> np.ndarray:
 
 
 def read(free_depth, origin, cell: float, size, where, reach: float) -> np.ndarray:
-    """Trilinear between cell centres, minus the reach outside of the box and where nobody asked."""
-    own = np.maximum(np.asarray(free_depth, dtype=np.float64)[: size[0], : size[1], : size[2]], -reach)
+    """Trilinear between cell centres over minus the reach; that itself where they are less than half of what counts."""
+    own = np.asarray(free_depth, dtype=np.float64)[: size[0], : size[1], : size[2]]
     place = (np.asarray(where, dtype=np.float64) - origin) / float(np.float32(cell)) - 0.5
-    return ndimage.map_coordinates(own, place.T, order=1, mode="grid-constant", cval=-reach)
+    return known_mean(own, place, reach)
+
+
+def known_mean(cells, place, reach: float) -> np.ndarray:
+    """Trilinear at places in cells over those of more than minus the reach, shape [place]."""
+    known = np.asarray(cells > np.float32(-reach), dtype=np.float64)
+    held, weight = (
+        ndimage.map_coordinates(values, place.T, order=1, mode="grid-constant", cval=0.0)
+        for values in (np.where(known > 0, cells, 0.0), known)
+    )
+    return np.where(weight >= 0.5, held / np.maximum(weight, 0.5), -reach)

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy import ndimage
+
+from tests.reference.free_depth import known_mean
 
 
 @dataclass(frozen=True)
@@ -18,8 +19,7 @@ class Box:
 
     def depth(self, point: np.ndarray, reach: float) -> float:
         place = (point - self.origin) / self.cell - 0.5
-        known = np.maximum(self.free_depth, -reach)
-        return float(ndimage.map_coordinates(known, place[:, None], order=1, mode="grid-constant", cval=-reach)[0])
+        return float(known_mean(self.free_depth, place[None], reach)[0])
 
     def height(self, point: np.ndarray) -> float:
         """Of the contacts over a point, minus infinity without one [m]."""
@@ -158,7 +158,9 @@ def patch(model: Any, box: Box, pings: list, ping: int, which: int, angle: float
         residual = (along - place - run * height) / model.deviation
         weight = closeness / (1.0 + residual**2) if number else closeness
         place, run = fit(height, along, weight)
-    if abs(place) > 2 * model.deviation or run > model.most_run:
+    mean = np.average(height, weights=weight)
+    narrow = np.average((height - mean) ** 2, weights=weight) < model.least_spread**2
+    if abs(place) > 2 * model.deviation or not model.least_run <= run <= model.most_run or narrow:
         return None
     variance = np.average(residual**2, weights=weight)
     low, high = max(axis[2] - half, seabed + model.least_height / 2), min(axis[2] + half, top)
