@@ -284,6 +284,10 @@ class Faces:
     behind: float = 0.15
     """How far behind it [m]: a face of 60 degrees recedes so much over 26 cm of height."""
 
+    edge_height: float = 0.08
+    """How much contacts on a face's edge may stand too high over the top behind it [m]: 6 cm with a range 2 cm wrong,
+    since they meet the face at a slant."""
+
     window_along: float = 0.12
     """How far before or behind a footprint those stand that its face's line goes through [m]."""
 
@@ -315,7 +319,7 @@ class Faces:
         in_range("Faces.overhang_deg", self.overhang_deg, 0.0, 89.0)
         in_range("Faces.least_spread", self.least_spread, 0.0, 10.0)
         in_range("Faces.clearance", self.clearance, 0.0, 10.0)
-        for name in ("before", "behind"):
+        for name in ("before", "behind", "edge_height"):
             in_range(f"Faces.{name}", getattr(self, name), 0.0, 10.0)
         for name in ("window_along", "window_height", "deviation"):
             in_range(f"Faces.{name}", getattr(self, name), 1e-3, 10.0)

@@ -118,6 +118,7 @@ def front_model(settings: ReconstructionSettings, ps: PS) -> fronts.FrontModel:
         "in_doubt",
         "before",
         "behind",
+        "edge_height",
         "window_along",
         "window_height",
         "deviation",

@@ -23,6 +23,7 @@ MODEL = {
     "in_doubt": 0.02,
     "before": 0.06,
     "behind": 0.15,
+    "edge_height": 0.0,
     "window_along": 0.12,
     "window_height": 0.25,
     "deviation": 0.015,

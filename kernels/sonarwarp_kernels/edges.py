@@ -25,25 +25,31 @@ COVER_START = wp.constant(3)
 def highest_along(
     grid: Grid, model: FrontModel, top: wp.array3d(dtype=int), owner: int, point: wp.vec3, ahead: wp.vec3
 ) -> float:
-    """Highest contact that a face may end at, along the way: close by, or so high that the face to it is steep."""
+    """Height that a face may end at, along the way: of the highest contact close by, or so high that the face is steep.
+
+    Arcs of contacts on the edge itself meet the face at a slant: where a top behind it is hardly lower, that counts.
+    """
     highest = float(NO_HEIGHT)
+    behind = float(NO_HEIGHT)
     steps = int(wp.ceil((model.before + FURTHEST_TOP) / grid.cell))
     for step in range(steps + 1):
         away = float(step) * grid.cell - model.before
         height = top_height(grid, top, owner, point + away * ahead)
         if away <= model.behind or height - point[2] > STEEP * away:
             highest = wp.max(highest, height)
-    return highest
+            if away > model.before:
+                behind = wp.max(behind, height)
+    return wp.where(highest - behind < model.edge_height, behind, highest)
 
 
 @wp.func
 def highest_before(
     grid: Grid, model: FrontModel, top: wp.array3d(dtype=int), owner: int, point: wp.vec3, ahead: wp.vec3
 ) -> float:
-    """Highest contact that stands before a face, too far to be its upper edge."""
+    """Highest contact that stands before a face, too far to be its upper edge: both may be off by ``before``."""
     highest = float(NO_HEIGHT)
     for step in range(1, int(wp.ceil((model.behind - model.before) / grid.cell)) + 1):
-        away = model.before + float(step) * grid.cell
+        away = 2.0 * model.before + float(step) * grid.cell
         highest = wp.max(highest, top_height(grid, top, owner, point - away * ahead))
     return highest
 

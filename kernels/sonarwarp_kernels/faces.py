@@ -25,6 +25,7 @@ class FrontModel:
     in_doubt: float  # most free depth of a place that may be solid [m]
     before: float  # how far ahead of a face the contacts over it may stand [m]
     behind: float  # how far behind [m]
+    edge_height: float  # how much contacts on the edge may be too high [m]
     window_along: float  # other footprints count up to this far along the way [m]
     window_height: float  # and up to this far in height [m]
     deviation: float  # of a footprint from its face's line [m]

@@ -52,16 +52,22 @@ def fit(height: np.ndarray, along: np.ndarray, weight: np.ndarray) -> tuple[floa
 
 
 def ceiling(model: Any, box: Box, point: np.ndarray, ahead: np.ndarray) -> float:
-    """Highest contact up to ``behind`` along the way; up to a metre where it is 1.2 times as high as it is far."""
+    """Highest contact up to ``behind`` along the way; up to a metre where it is 1.2 times as high as it is far.
+
+    The highest further than ``before`` is what counts where it is lower by less than ``edge_height``.
+    """
     away = np.arange(np.ceil((model.before + 1.0) / box.cell) + 1) * box.cell - model.before
     heights = [box.height(point + step * ahead) for step in away]
-    return max(h for h, step in zip(heights, away, strict=True) if step <= model.behind or h - point[2] > 1.2 * step)
+    near = [(h, s) for h, s in zip(heights, away, strict=True) if s <= model.behind or h - point[2] > 1.2 * s]
+    highest = max(h for h, _ in near)
+    behind = max((h for h, s in near if s > model.before), default=-np.inf)
+    return behind if np.isfinite(behind) and highest - behind < model.edge_height else highest
 
 
 def before(model: Any, box: Box, foot: np.ndarray, ahead: np.ndarray) -> float:
     """Highest contact before a face's foot, further off than its upper edge's may be, minus infinity without one."""
     steps = np.arange(1, np.ceil((model.behind - model.before) / box.cell) + 1) * box.cell
-    return max((box.height(foot - (model.before + step) * ahead) for step in steps), default=-np.inf)
+    return max((box.height(foot - (2 * model.before + step) * ahead) for step in steps), default=-np.inf)
 
 
 def vertical(ray: np.ndarray) -> np.ndarray:
