@@ -54,5 +54,7 @@ def per_elevation(head: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 def _sense(head: np.ndarray) -> np.ndarray:
-    """-1 where the head's y axis points down by 45 deg or more, so that waves never turn it over, else 1."""
-    return np.where(rotate(head[:, 3:], np.array([0.0, 1.0, 0.0]))[:, 2] < -math.sqrt(0.5), -1.0, 1.0)
+    """-1 where the head's y axis points down, rolled by 45 deg or more, so that waves never turn it over, else 1."""
+    axis, side = (rotate(head[:, 3:], np.array(own)) for own in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)))
+    # The steeper the beam, the less a roll turns the y axis up or down.
+    return np.where(side[:, 2] < -math.sqrt(0.5) * np.hypot(axis[:, 0], axis[:, 1]), -1.0, 1.0)
