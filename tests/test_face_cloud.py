@@ -73,6 +73,14 @@ def test_a_patch_that_was_not_found_gives_no_points():
     assert len(face_cloud(survey_of_one_ping(90.0), fronts_of(-0.1, 0.1, found=0), spacing=0.05, registration=0.0)) == 0
 
 
+def test_a_head_that_has_turned_sees_a_face_as_one_mounted_so():
+    fixed, mounted = survey_of_one_ping(90.0, tilt=20.0), survey_of_one_ping(90.0, tilt=50.0)
+    turned = replace(mounted, pings=replace(mounted.pings, head_angle=np.radians([30.0])))
+    want, found = (face_cloud(each, fronts_of(-0.1, 0.1), spacing=0.05, registration=0.01) for each in (fixed, turned))
+    for name, values in want.attributes.items():
+        np.testing.assert_allclose(found.attributes[name], values, atol=1e-6, err_msg=name)
+
+
 @pytest.mark.parametrize("roll", [90.0, -90.0])
 def test_angles_of_a_face_are_positive_upwards_whichever_way_round_the_head_lies(roll):
     cloud = face_cloud(survey_of_one_ping(roll), fronts_of(-0.2, 0.2), spacing=0.1, registration=0.0)
@@ -164,7 +172,8 @@ def test_registration_adds_to_a_faces_elevation_and_moves_it_along_its_arc():
 
 @pytest.mark.parametrize("run", [1.0 / 3.0, 0.0], ids=["square to the beam", "known badly"])
 def test_a_face_that_tells_no_elevation_may_be_anywhere_in_the_beam(run):
-    fronts = fronts_of(-0.1, 0.1, run_along=(run, 0.0, 1.0)) | {"deviation": np.full((1, 1, 1), 0.05)}
+    # A metre under the head: little over the 9 mm that a uniform beam deviates by.
+    fronts = fronts_of(-0.1, 0.1, run_along=(run, 0.0, 1.0)) | {"deviation": np.full((1, 1, 1), 0.012)}
     cloud = face_cloud(
         survey_of_one_ping(90.0, tilt=np.degrees(np.arctan(1.0 / 3.0))), fronts, spacing=0.05, registration=0.0
     )

@@ -41,8 +41,8 @@ class Claims:
         """The claims of several clouds or classes as those of one."""
         return Claims(
             **{
-                name: np.concatenate([getattr(part, name) for part in claims])
-                for name in (f.name for f in fields(Claims))
+                column.name: np.concatenate([getattr(part, column.name) for part in claims])
+                for column in fields(Claims)
             }
         )
 

@@ -71,7 +71,7 @@ def face_claims(cloud: PointCloud, survey: Survey, scene: Scene, *, device: str 
         device: Warp device.
 
     Raises:
-        ValueError: a cloud without sources, or with a point of another ping.
+        ValueError: a cloud without sources, or faces without normals or covariances, or a point of another ping.
     """
     _check(cloud, "source")
     cloud = cloud.select(cloud.attributes["source"] == 1)
