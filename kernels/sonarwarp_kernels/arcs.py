@@ -54,7 +54,7 @@ class ArcModel:
     """How hypotheses weigh."""
 
     reach: float  # bound of the free depths [m]
-    proven: float  # least free depth that tells anything: less is as likely, be it behind the surface or unseen [m]
+    proven: float  # least free depth that tells anything: less, behind the surface, is as likely [m]
     solid: float  # most free depth of a contact's own place: cells smooth corners [m]
     deviation: float  # of a contact's free depth about its arc's least [m]
     odds_power: float  # power of the field's odds that counts: pings that overlap share their evidence
@@ -67,9 +67,10 @@ class ArcModel:
 
 @wp.func
 def doubt(model: ArcModel, free_depth: float, least: float) -> float:
-    """Likelihood that a place is not empty: its free depth against the arc's least one."""
-    if free_depth <= -model.reach:
-        return 1.0
+    """Likelihood that a place is not empty: its free depth against the arc's least one.
+
+    1 where nothing is known, and the free depth minus the reach: no least one is less.
+    """
     away = wp.max(free_depth - least, 0.0) / model.deviation
     return wp.exp(-wp.min(0.5 * away * away, MOST_DOUBT))
 

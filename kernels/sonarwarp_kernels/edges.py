@@ -8,8 +8,8 @@ from sonarwarp_kernels.tops import NO_HEIGHT, top_height
 
 wp.set_module_options({"enable_backward": False})
 
-# From the slope on that an imaging sonar no longer sees as it is, 50 degrees, faces are ours; and how far behind their
-# foot the contacts at their upper edge may be looked for [m].
+# Contacts further behind may be a face's upper edge where it would be steeper than 50 degrees, more than an imaging
+# sonar sees as it is; and how far behind its foot they may be looked for [m].
 STEEP = wp.constant(1.2)
 FURTHEST_TOP = wp.constant(1.0)
 

@@ -12,9 +12,10 @@ its narrow beam, all at one range. Where across its wide fan that face stands, t
   steeply, has no faces in it.
 
 At each place a robust line, run over height, goes through the footprints of other pings there, so that a face appears
-as inclined as it is. The patch is that line over the height of the beam. One that is flatter than the imaging sonar's
-slope limit is none: of such a surface every place is met first by some beam, and a fan of 20 degrees blurs it. Nor is
-one that overhangs, or whose footprints all lie at one height: the one comes of two things, the other has no slope.
+as inclined as it is. The patch is that line over the height of the beam. One that is clearly flatter than the imaging
+sonar's slope limit is none: of such a surface every place is met first by some beam, and a fan of 20 degrees blurs it.
+Nor is one that overhangs by more than lines err, or whose footprints all lie at one height: the one comes of two
+things, the other has no slope.
 """
 
 from typing import Any
