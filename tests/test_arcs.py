@@ -498,6 +498,14 @@ def test_a_model_out_of_bounds_is_refused_by_name(device, name, value):
         replace(world, **changed).estimate_arcs(device, np.zeros(world.counts.shape, dtype=np.float32))
 
 
+@pytest.mark.parametrize("value", [-0.1, float("nan")])
+@pytest.mark.parametrize("name", ["solid", "odds_power", "registration"])
+def test_a_model_below_zero_is_refused_by_name(device, name, value):
+    world = everywhere(doubt=DOUBT | {name: value})
+    with pytest.raises(ValueError, match=rf"model\.{name}: must be at least 0, got {value}"):
+        world.estimate_arcs(device, np.zeros(world.counts.shape, dtype=np.float32))
+
+
 @pytest.mark.parametrize(
     ("low", "high", "message"),
     [

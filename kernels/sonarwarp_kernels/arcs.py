@@ -253,7 +253,7 @@ def estimate_arcs(
     for name in ("reach", "deviation", "sharpness"):
         if not getattr(model, name) > 0.0:
             raise ValueError(f"model.{name}: must be above 0, got {getattr(model, name)}")
-    for name in ("odds_power", "registration"):
+    for name in ("solid", "odds_power", "registration"):
         if not getattr(model, name) >= 0.0:
             raise ValueError(f"model.{name}: must be at least 0, got {getattr(model, name)}")
     if hypotheses < 1:
