@@ -290,6 +290,11 @@ def test_faces_stand_where_their_range_and_angles_say(alone, log):
     assert np.all(faces.attributes["quality"] == int(estimate.QUALITY_INFORMED))
 
 
+def test_no_face_is_surer_of_its_elevation_than_the_sonars_are_of_each_other(alone):
+    deviation = of_source(alone[2].fused, 1).attributes["elevation_deviation"]
+    assert np.degrees(deviation.min()) >= CARVED.free_space.registration_deg * (1 - 1e-6)
+
+
 def test_faces_are_the_bricks_front(alone):
     """Upright and at x = 0, between the seabed and the brick's top, no wider than a strip beyond its sides."""
     faces = of_source(alone[2].fused, 1).points
