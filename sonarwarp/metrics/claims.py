@@ -1,8 +1,9 @@
 """What the points of a cloud claim, beside what is true: elevations of contacts, places of faces.
 
 A contact claims an interval of elevation, and its truth is the elevation of what its beam met first. A face claims to
-lie within some deviations of its points, square to itself; its truth is how far from the surface they are. Elevation
-would not do for faces: where a beam looks square at one, all of the beam meets it at one range.
+lie within some deviations of its points, square to itself; its truth is how far they are from the nearest surface, be
+it another face's or the seabed's. Elevation would not do for faces: where a beam looks square at one, all of the beam
+meets it at one range.
 
 Both are judged in their sonar's frame, where it truly was: errors of navigation are no part of what points claim.
 """
