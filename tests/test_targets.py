@@ -20,6 +20,18 @@ PAIR = Subject("deployments", "90", "aligned", "first", "field")
 VASE = Subject("mesh", "vase, 0.7 m high")
 
 
+KNOWN = (
+    Shortfall(subject=GENTLE, figures=(bounds.SLOPE,), reason="a slope's"),
+    Shortfall(subject=VASE, figures=(bounds.MISSED,), reason="a mesh's"),
+)
+"""Shortfalls of these tests: those of the library come and go."""
+
+
+@pytest.fixture(autouse=True, name="own_shortfalls")
+def own_shortfalls_fixture(monkeypatch):
+    monkeypatch.setattr(bounds, "SHORTFALLS", KNOWN)
+
+
 def section_row(subject, seed=0, *, method="fused", slope=0.01, area=0.01, volume=0.01):
     return {
         **subject._asdict(),
@@ -144,7 +156,8 @@ def test_intervals_may_hold_neither_too_little_nor_too_much(coverage, verdict):
     assert found[Subject("calibration", "top"), bounds.DEVIATION, False] is Verdict.SHORT
 
 
-def test_every_shortfall_is_of_targets_that_there_are_and_no_other_covers_them():
+def test_every_shortfall_is_of_targets_that_there_are_and_no_other_covers_them(monkeypatch):
+    monkeypatch.setattr(bounds, "SHORTFALLS", SHORTFALLS)
     for shortfall in SHORTFALLS:
         covered = [target for target in TARGETS if shortfall.covers(target)]
         assert sorted(target.figure for target in covered) == sorted(shortfall.figures), shortfall.subject
@@ -192,7 +205,7 @@ def test_the_table_has_a_line_for_every_target_and_one_for_what_was_not_measured
     assert {line.count("|") for line in (heading, rule, *lines)} == {6}
     assert blank == ""
     assert f"| {PAIR} | slope error | at most 0.03 | none | short |" in lines
-    assert f"| {GENTLE} | slope error | at most 0.03 | 0.043 | known shortfall: one of five runs gives 0.08 |" in lines
+    assert f"| {GENTLE} | slope error | at most 0.03 | 0.043 | known shortfall: a slope's |" in lines
     assert "| calibration: front | in the 95 % interval | 0.9 to 0.98 | 0.953 | met |" in lines
     assert lines.count(f"| {BRICK} |  |  |  | not measured |") == 1
     subjects = [line.split(" | ")[0] for line in lines if line.endswith("not measured |")]
