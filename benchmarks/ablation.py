@@ -39,7 +39,7 @@ class Step:
 STEPS = (
     # No free depth tells anything, and all places on an arc weigh the same: a wide deviation would leave differences
     # that still choose the likeliest.
-    Step(title="free depth", free_space={"proven": 10.0}),
+    Step(title="free depth", free_space={"proven": 10.0, "solid": 10.0}),
     Step(title="height guard", free_space={"least_height": 0.0}),
     Step(title="sides", free_space={"side_share": 0.0}),
     Step(title="strays", free_space={"stray_points": 0}),
