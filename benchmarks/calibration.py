@@ -88,11 +88,9 @@ def judge(run: Run, watch: Watch) -> Claims:
     contacts = first_contacts(truth, [scene], device=run.device)
     advance(1)
     cloud = run.clouds.fused
-    # The profiling sonar's points number pings where these number frames.
-    kept_points = (cloud.attributes["source"] == 1) | np.isin(cloud.attributes["frame"], truth.frames.number)
-    cloud = cloud.select(kept_points)
+    imaged = cloud.select(np.isin(cloud.attributes["frame"], truth.frames.number))
     return Claims.join(
-        contact_claims(cloud, truth, scene, contacts), face_claims(cloud, truth, scene, device=run.device)
+        contact_claims(imaged, truth, scene, contacts), face_claims(cloud, truth, scene, device=run.device)
     )
 
 

@@ -37,3 +37,8 @@ def covariances_of(cloud: PointCloud) -> np.ndarray:
     for name, row, column in _COVARIANCE:
         matrices[:, row, column] = matrices[:, column, row] = cloud.attributes[name]
     return matrices
+
+
+def deviation_along(covariance: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """Standard deviation [m], shape [point], along unit vectors, [point, 3], by covariances [m2], [point, 3, 3]."""
+    return np.sqrt(np.einsum("pi,pij,pj->p", direction, covariance, direction))

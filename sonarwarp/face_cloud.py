@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sonarwarp.cloud import PointCloud
-from sonarwarp.cloud_attributes import covariance_attributes, normal_attributes
+from sonarwarp.cloud_attributes import covariance_attributes, deviation_along, normal_attributes
 from sonarwarp.poses import rotate
 from sonarwarp.scan_plane import per_elevation, to_polar
 from sonarwarp.survey import Survey
@@ -122,6 +122,6 @@ def _elevation_deviation(normal: np.ndarray, covariance: np.ndarray, arc: np.nda
 
     A face that is off by x along its normal crosses the arc further on by x over ``normal . arc``.
     """
-    across = np.sqrt(np.einsum("pi,pij,pj->p", normal, covariance, normal))
+    across = deviation_along(covariance, normal)
     slide = np.abs(np.sum(normal * arc, axis=1))
     return np.divide(across, slide, out=np.full_like(across, anywhere), where=across < anywhere * slide)

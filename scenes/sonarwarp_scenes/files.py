@@ -20,6 +20,11 @@ USD_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 _SILENT = logging.NullHandler()
 
 
+def is_stage(path: Path) -> bool:
+    """Whether OpenUSD reads a file, by its suffix."""
+    return path.suffix.lower() in USD_SUFFIXES
+
+
 def scene_from_file(
     path: str | Path,
     *,
@@ -91,7 +96,7 @@ def read_scene(
         time_code=time_code,
     )
     path = readable(path)
-    if path.suffix.lower() in USD_SUFFIXES:
+    if is_stage(path):
         arrays, values = in_child("scene", path, conversion)
         return Scene(**arrays), SceneReport.from_dict(values)
     nodes, metres_per_unit = _mesh_nodes(path)

@@ -19,7 +19,7 @@ from sonarwarp.toml_settings import read_configuration, read_settings
 from sonarwarp.trajectory_files import read_trajectory as read_text_trajectory
 from sonarwarp_scenes import Scene, Trajectory, read_frames_from, read_scene
 from sonarwarp_scenes import read_trajectory as read_stage_trajectory
-from sonarwarp_scenes.files import USD_SUFFIXES
+from sonarwarp_scenes.files import is_stage
 
 
 def simulate_files(
@@ -95,16 +95,12 @@ def simulate_files(
 
 
 def _read_trajectory(path: Path) -> Trajectory:
-    return read_stage_trajectory(path) if _is_stage(path) else read_text_trajectory(path)
+    return read_stage_trajectory(path) if is_stage(path) else read_text_trajectory(path)
 
 
 def _read_frames_from(path: Path) -> float:
-    stated = read_frames_from(path) if _is_stage(path) else None
+    stated = read_frames_from(path) if is_stage(path) else None
     return 0.0 if stated is None else stated
-
-
-def _is_stage(path: Path) -> bool:
-    return path.suffix.lower() in USD_SUFFIXES
 
 
 def reconstruct_files(

@@ -15,7 +15,7 @@ import math
 import numpy as np
 
 from sonarwarp.cloud import PointCloud
-from sonarwarp.cloud_attributes import covariances_of, normals_of
+from sonarwarp.cloud_attributes import covariances_of, deviation_along, normals_of
 from sonarwarp.metrics.calibration import Claims
 from sonarwarp.metrics.inclination import face_inclination
 from sonarwarp.metrics.surface import surface_distances
@@ -82,8 +82,7 @@ def face_claims(cloud: PointCloud, survey: Survey, scene: Scene, *, device: str 
     if not len(cloud):
         nothing = np.zeros(0)
         return Claims(low=nothing, high=nothing, deviation=nothing, truth=nothing, kind=nothing.astype(str))
-    normal = normals_of(cloud)
-    deviation = np.sqrt(np.einsum("pi,pij,pj->p", normal, covariances_of(cloud), normal))
+    deviation = deviation_along(covariances_of(cloud), normals_of(cloud))
     head = survey.pings.head_pose[_rows(cloud, survey.pings, "ping")]
     distance, azimuth, elevation = (cloud.attributes[name] for name in ("range", "azimuth", "elevation"))
     points = to_world(head, distance, azimuth, elevation)
