@@ -125,10 +125,39 @@ def test_amplitudes_count_by_the_square_of_their_range(device):
     echo[100:180] = 1.0
     got = detect(device, echo, relative=0.01)[0, 0]
     begin, end = EDGES["uniform"][[100, 180]]
-    # Cube of the range at which the integral of r^2 reaches a share; the centroid weighs r by r^2.
+    # Cube of the range at which the integral of r^2 reaches a share; the centroid weighs r by r^2, and has no trail.
     tenth, nine_tenths = np.cbrt(begin**3 + np.array([0.1, 0.9]) * (end**3 - begin**3))
     centroid = 0.75 * (end**4 - begin**4) / (end**3 - begin**3)
     np.testing.assert_allclose(got, [tenth, centroid, nine_tenths], atol=smoothing_shift(begin))
+
+
+def test_the_flanks_of_a_round_front_move_its_echo_back_by_less_than_their_centroid(device):
+    begin, depth = 3.0, 1.2
+    # What lies x to the side of the ridge of a parabola lies x^2 behind it, and is as strong.
+    edge = np.clip((EDGES["uniform"] - begin) / depth, 0.0, 1.0)
+    echo = np.diff(np.sqrt(edge)) / middles(EDGES["uniform"]) ** 2
+    got = detect(device, echo, relative=0.01, clearance=1.0)[0, 0]
+    # Of the roots, even in [0, 1]: 10 % and 90 % lie at their squares, the centroid at a third.
+    near, centroid, far = begin + depth * np.array([0.01, 1 / 3, 0.81])
+    trail = (near + far) / 2 - centroid
+    # The first bin, a pole of the density, holds a ninth of the energy, and smoothing spreads it over four.
+    np.testing.assert_allclose(got, [near, centroid - trail, far], atol=2 * WIDTH)
+    assert got[1] < centroid - 0.05 * depth
+
+
+def test_an_echo_that_ends_in_a_spike_lies_there_and_not_before(device):
+    # A quarter of the energy in a trail a hundred times as long: twice the centroid leads to ten bins before the spike.
+    trailing = surface_echo((200, 202, 60.0), (202, 392, 0.2))
+    near, centre, far = detect(device, trailing, relative=0.001, clearance=1.0)[0, 0]
+    assert far - near > 100 * WIDTH
+    assert centre == near
+    rising = surface_echo((200, 238, 1.0), (238, 240, 30.0))
+    # A threshold under what smoothing leaves of the weak end's border.
+    near, centre, far = detect(device, rising, relative=0.001, clearance=1.0)[0, 0]
+    # The mirrored echo keeps its centroid: 38 bins of mean 19 and two of 39, the latter 30 times as strong.
+    begin = EDGES["uniform"][200]
+    assert centre == pytest.approx(begin + WIDTH * (38 * 19 + 60 * 39) / 98, abs=2 * smoothing_shift(begin))
+    assert near < centre < far
 
 
 def test_an_even_background_moves_nothing(device):

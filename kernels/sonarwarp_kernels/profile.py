@@ -2,8 +2,13 @@
 
 A footprint is a stretch of range bins whose smoothed amplitude stands clear of the background and, once corrected for
 spreading by r^2, within a given level of the profile's peak. It is described by the 10 % and 90 % points and the
-centroid of its energy, here the sum of corrected amplitudes: first returns alone credit a beam's steep edge to the
+centre of its energy, here the sum of corrected amplitudes: first returns alone credit a beam's steep edge to the
 whole beam, which shows as scallops of 5-10 cm on flat tops.
+
+The centre is the centroid, unless the energy trails off away from the sonar. It does so where the wide fan takes in the
+flanks of something round, which lie behind the ridge that faces the sonar and move the centroid back by a tenth of the
+radius. There the centre lies twice as far before the middle of the 10 % and 90 % points as the centroid does. Three
+times as far is better still with cones, but moves faces that the beam's own width makes trail.
 
 The mean of the background is found in the profile itself by clipping: of all bins under three times the mean so far,
 a few times over. Rayleigh noise is over three times its mean in 1 of 1,200 bins, echoes nearly always.
@@ -114,6 +119,13 @@ def energy_point(
     return found
 
 
+@wp.func
+def echo_centre(near: float, centroid: float, far: float) -> float:
+    """Range [m] of what faces the sonar: the centroid of an echo less its trail, never before its 10 % point."""
+    trail = wp.max(0.5 * (near + far) - centroid, 0.0)
+    return wp.max(centroid - trail, near)
+
+
 @wp.kernel
 def detect_profile_kernel(
     first: int,
@@ -153,7 +165,7 @@ def detect_profile_kernel(
             moment += amount * 0.5 * (range_edge[inside] + range_edge[inside + 1])
         near = energy_point(profile, range_edge, background, start, index, 0.1 * energy)
         far = energy_point(profile, range_edge, background, start, index, 0.9 * energy)
-        footprint_out[ping, count] = wp.vec3(near, moment / energy, far)
+        footprint_out[ping, count] = wp.vec3(near, echo_centre(near, moment / energy, far), far)
         count += 1
     for unused in range(count, footprints):
         footprint_out[ping, unused] = wp.vec3(NO_FOOTPRINT, NO_FOOTPRINT, NO_FOOTPRINT)
@@ -174,7 +186,7 @@ def detect_profile(
         range_edge: borders of the bins [m], shape [bin + 1].
         detector: thresholds.
         echo: amplitude, shape [ping, bin].
-        footprint_out: (10 % point, centroid, 90 % point) of each footprint's energy [m], nearest first, all
+        footprint_out: (10 % point, centre, 90 % point) of each footprint's energy [m], nearest first, all
             ``NO_FOOTPRINT`` where there is none; ``vec3``, shape [ping, footprint].
 
     Raises:

@@ -113,9 +113,9 @@ def draw_sweep(axes: Axes, snapshot: Snapshot, plane: SweepPlane) -> None:
     level[::2] = decibels(echoes)
     axes.pcolormesh(x, z, level, cmap="gray", vmin=_FLOOR_DB, vmax=0.0, rasterized=True)
     ping, number = np.nonzero(footprints[..., 1] >= 0.0)
-    near, centroid, far = (_along(start[ping], footprints[ping, number, point], depression[ping]) for point in range(3))
+    near, centre, far = (_along(start[ping], footprints[ping, number, point], depression[ping]) for point in range(3))
     axes.plot(*(np.stack(ends) for ends in zip(near, far, strict=True)), "-", color=DETECTION, lw=1.0)
-    axes.plot(*centroid, "o", color=DETECTION, ms=3.0, mew=0.0, label="footprints: centroid, 10 to 90 % of the energy")
+    axes.plot(*centre, "o", color=DETECTION, ms=3.0, mew=0.0, label="footprints: centre, 10 to 90 % of the energy")
     axes.plot(*start.T, "-", color=LIMIT, lw=3.0, label="the sonar's way")
     axes.set_aspect("equal")
     # Nearly black, or the slivers between pings would be all that a reader sees.

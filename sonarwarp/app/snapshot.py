@@ -46,7 +46,7 @@ class Snapshot:
     """PS echo amplitude, shape [ping, bin]."""
 
     footprints: np.ndarray
-    """(10 % point, centroid, 90 % point) [m], below 0 where unused, shape [ping, footprint, 3]."""
+    """(10 % point, centre, 90 % point) [m], below 0 where unused, shape [ping, footprint, 3]."""
 
     log_odds: np.ndarray
     """The field's sums, ``FIXED_POINT`` counts per unit and not clamped, shape [x, y, z]."""

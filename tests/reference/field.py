@@ -12,14 +12,14 @@ def cell_centres(grid, owner: int = 0) -> np.ndarray:
     return grid.origin.numpy()[owner].astype(np.float64) + grid.cell * (index + 0.5)
 
 
-def ridge(model, near: float, centroid: float, far: float) -> tuple[float, float]:
+def ridge(model, near: float, centre: float, far: float) -> tuple[float, float]:
     """Tilt over the beam's width and deviation of a footprint's ridge.
 
     A wall's footprint is as long as the beam is wide, r times its angle, and spreads evenly over range: a deviation of
     its length over sqrt(12). Of one twice as long or longer, all the length is tilt; in between both share it.
     """
     length = (far - near) / 0.8
-    tilted = np.clip(length / (2 * model.half_width * centroid) - 1.0, 0.0, 1.0)
+    tilted = np.clip(length / (2 * model.half_width * centre) - 1.0, 0.0, 1.0)
     return tilted * length, model.range_deviation + (1.0 - tilted) * length / np.sqrt(12)
 
 
@@ -36,11 +36,11 @@ def ping_log_odds(points, model, position, orientation, footprints) -> np.ndarra
     if len(footprints) == 0:
         return pattern * model.no_return * (distance < model.reach)
     total = np.zeros(distance.shape)
-    for order, (near, centroid, far) in enumerate(footprints):
-        tilt, deviation = ridge(model, near, centroid, far)
-        away = (distance - centroid - offset * tilt / 2) / deviation
+    for order, (near, centre, far) in enumerate(footprints):
+        tilt, deviation = ridge(model, near, centre, far)
+        away = (distance - centre - offset * tilt / 2) / deviation
         share = np.where(np.abs(away) <= 4, np.exp(-(away**2) / 2), 0.0)
-        if (far - near) / 0.8 < model.compact * 2 * model.half_width * centroid:
+        if (far - near) / 0.8 < model.compact * 2 * model.half_width * centre:
             total += share * model.hit
         if order == 0:
             total += np.where(away < 0, (1.0 - share) * model.miss, 0.0)

@@ -31,8 +31,8 @@ class Box:
 
 def is_face(model: Any, footprint: np.ndarray) -> bool:
     """A footprint's 10 % to 90 % is 0.8 of an even spread."""
-    near, centroid, far = footprint
-    return near >= 0.0 and (far - near) / 0.8 < model.compact * 2 * model.half_width * centroid
+    near, centre, far = footprint
+    return near >= 0.0 and (far - near) / 0.8 < model.compact * 2 * model.half_width * centre
 
 
 def on_sheet(position: np.ndarray, orientation: np.ndarray, distance: float, angle: float) -> np.ndarray:

@@ -12,7 +12,7 @@ def background(echo: np.ndarray) -> float:
 
 
 def footprints(echo, range_edge, detector, count: int) -> np.ndarray:
-    """10 % point, centroid and 90 % point of up to ``count`` returns, rows of -1 where there are fewer."""
+    """10 % point, centre and 90 % point of up to ``count`` returns, rows of -1 where there are fewer."""
     echo, range_edge = np.asarray(echo, dtype=np.float64), np.asarray(range_edge, dtype=np.float64)
     centre = 0.5 * (range_edge[1:] + range_edge[:-1])
     level = background(echo)
@@ -27,5 +27,7 @@ def footprints(echo, range_edge, detector, count: int) -> np.ndarray:
         amount = corrected[inside]
         share = np.concatenate([[0.0], np.cumsum(amount)]) / amount.sum()
         row[[0, 2]] = np.interp([0.1, 0.9], share, range_edge[stretch[0] : stretch[-1] + 2])
-        row[1] = np.average(centre[inside], weights=amount)
+        centroid = np.average(centre[inside], weights=amount)
+        # If it lies before the middle of the 10 % and 90 % points, as far again.
+        row[1] = max(min(centroid, 2.0 * centroid - row[[0, 2]].mean()), row[0])
     return out
