@@ -16,11 +16,10 @@ import typer
 
 import sonarwarp as sw
 from benchmarks.run import machine
-from benchmarks.tables import markdown, prepare, write_json
+from benchmarks.tables import ERRORS_HEADING, case_name, error_cell, markdown, prepare, summarise_cases, write_json
 from sonarwarp.app import rows
 from sonarwarp.app.experiment import record, run_recorded
 from sonarwarp.app.paper_cases import BRICK, PAIRS, Case
-from sonarwarp.app.paper_summary import Summary, summarise
 from sonarwarp.app.progress import Watch, show_progress
 
 
@@ -89,9 +88,6 @@ Less the last step is the row before the whole method.
 CASES = (BRICK, *(case for case in PAIRS if case.arrangement == "misaligned" and case.object in ("60", "90")))
 """What is reconstructed."""
 
-FIGURES = {"slope_error": "slope", "area_error": "area", "volume_error": "volume"}
-"""Keys of rows, and what they are called in the table."""
-
 
 def main(
     seeds: Annotated[int, typer.Option(min=1, max=10_000, help="Runs of each case.")] = 3,
@@ -136,29 +132,13 @@ def measure(
 
 def table(measured: Sequence[Mapping[str, Any]]) -> str:
     """Rows of :func:`measure` as a table, a variant a line."""
-    # Both objects of a pair count alike, and together.
-    pooled = [{**row, "which": None} for row in measured]
     summaries = {
-        title: summarise([row for row in pooled if row["variant"] == title])
-        for title in dict.fromkeys(row["variant"] for row in pooled)
+        title: summarise_cases(row for row in measured if row["variant"] == title)
+        for title in dict.fromkeys(row["variant"] for row in measured)
     }
-    first = next(iter(summaries.values()))
-    headings = [f"{_name(summary)}: {word}" for summary in first for word in FIGURES.values()]
-    lines = [
-        [title, *(_cell(summary, key) for summary in cases for key in FIGURES)] for title, cases in summaries.items()
-    ]
-    return markdown(["Variant", *headings], lines)
-
-
-def _name(summary: Summary) -> str:
-    return summary.object if summary.deployment is None else f"pair {summary.object}°"
-
-
-def _cell(summary: Summary, key: str) -> str:
-    """Mean error, and how many have none."""
-    mean, missing = summary.mean(key), summary.missing(key)
-    lacking = f" ({missing} of {len(summary.figures[key])} none)" if missing else ""
-    return ("none" if mean is None else f"{mean:.1%}") + lacking
+    headings = [case_name(summary) for summary in next(iter(summaries.values()))]
+    lines = [[title, *(error_cell(summary) for summary in cases)] for title, cases in summaries.items()]
+    return markdown([f"Variant: {ERRORS_HEADING}", *headings], lines)
 
 
 if __name__ == "__main__":

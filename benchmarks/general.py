@@ -2,8 +2,8 @@
 
 Prints a table as Markdown, of both methods' error rates over shapes, tilts, altitudes and speeds that the paper does
 not use, with field noise. Every object can be seen: its foot lies in the imaging sonar's window, its width in the
-swath. Yet round objects hide part of their back, which no run ahead of it shows, and closed forms count it: a third row
-tells what of the figures the surface itself would have, sampled without error wherever a sonar could see it.
+swath. Yet round objects hide part of their back, which no run ahead of it shows, and closed forms count it: a third
+column tells what of the figures the surface itself would have, sampled without error wherever a sonar could see it.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ import typer
 
 import sonarwarp as sw
 from benchmarks.run import machine
-from benchmarks.tables import markdown, prepare, write_json
+from benchmarks.tables import ERRORS_HEADING, error_cell, markdown, prepare, write_json
 from sonarwarp.app.experiment import run_batch
 from sonarwarp.app.paper_cases import Case
 from sonarwarp.app.paper_summary import Summary, summarise
 from sonarwarp.app.progress import Watch, show_progress
-from sonarwarp.app.rows import evaluate_objects, evaluate_seen, object_rows
+from sonarwarp.app.rows import METHODS, SEEN, evaluate_objects, evaluate_seen, object_rows
 from sonarwarp_scenes import Frustum, LyingCylinder, Shape, Sphere, Wedge, object_deployment
 
 
@@ -97,9 +97,6 @@ CASES = (
 )
 """What is reconstructed."""
 
-FIGURES = ("slope_error", "area_error", "volume_error")
-"""Columns, means over the seeds."""
-
 
 def main(
     seeds: Annotated[int, typer.Option(min=1, max=10_000, help="Runs of each case.")] = 1,
@@ -132,19 +129,13 @@ def measure(cases: Sequence[Case], *, seeds: Sequence[int], device: str, watch: 
 
 
 def table(measured: Sequence[dict[str, Any]]) -> str:
-    """Means over the seeds, a case and method a line."""
-    lines = [
-        (summary.object, summary.method, *(_cell(summary, name) for name in FIGURES)) for summary in summarise(measured)
-    ]
-    return markdown(("Object and run", "Method", "Slope error", "Area error", "Volume error"), lines)
-
-
-def _cell(summary: Summary, key: str) -> str:
-    """Mean error, and how many seeds have none where others do."""
-    mean, missing = summary.mean(key), summary.missing(key)
-    if mean is None:
-        return "none"
-    return f"{mean:.3f}" + (f" ({missing} of {len(summary.figures[key])} none)" if missing else "")
+    """Means over the seeds, a case a line."""
+    cases: dict[str, dict[str, Summary]] = {}
+    for summary in summarise(measured):
+        cases.setdefault(summary.object, {})[summary.method] = summary
+    methods = (*METHODS, SEEN)
+    lines = [(title, *(error_cell(found[method]) for method in methods)) for title, found in cases.items()]
+    return markdown((f"Object and run: {ERRORS_HEADING}", *methods), lines)
 
 
 if __name__ == "__main__":

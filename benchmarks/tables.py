@@ -8,12 +8,41 @@ from pathlib import Path
 from typing import Any
 
 from sonarwarp.app.machine import find_device
+from sonarwarp.app.paper_summary import Summary, summarise
+
+ERRORS = ("slope_error", "area_error", "volume_error")
+"""Keys of rows, in the order in which a cell has them."""
+
+ERRORS_HEADING = "slope / area / volume error"
+"""What such a cell is called."""
 
 
 def markdown(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """A table, every cell as it stands."""
     lines = (headings, ("---",) * len(headings), *rows)
     return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
+
+
+def summarise_cases(rows: Iterable[Mapping[str, Any]]) -> list[Summary]:
+    """One summary for all rows of a case: both objects of a pair count alike, and together."""
+    return summarise([{**row, "which": None} for row in rows])
+
+
+def case_name(summary: Summary) -> str:
+    """What a case is called in a table."""
+    return summary.object if summary.deployment is None else f"pair, {summary.object} deg"
+
+
+def error_cell(summary: Summary) -> str:
+    """Mean errors in one cell, and how many runs have none where others do."""
+    return " / ".join(_mean(summary, key) for key in ERRORS)
+
+
+def _mean(summary: Summary, key: str) -> str:
+    mean, missing = summary.mean(key), summary.missing(key)
+    if mean is None:
+        return "none"
+    return f"{mean:.3f}" + (f" ({missing} of {len(summary.figures[key])} none)" if missing else "")
 
 
 def prepare(json_file: Path | None, device: str | None) -> str:

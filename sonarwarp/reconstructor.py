@@ -49,7 +49,7 @@ class Reconstructor:
 
     @property
     def window(self) -> int:
-        """Pings of a trajectory that its field remembers."""
+        """Pings of a trajectory that its field remembers in the paper's method, online."""
         return max(round(self.settings.likelihood_field.window_sweeps * self.rig.ps.pings_per_sweep), 1)
 
     def plan_schedule(self, survey: Survey, *, frames: int) -> Schedule:
@@ -57,9 +57,10 @@ class Reconstructor:
 
         Args:
             survey: what was recorded.
-            frames: most frames in a round.
+            frames: most frames in a round. Online, what a read gives is as old as that many frames.
         """
-        return plan_schedule(survey, frames=frames, window=self.window, causal=self.settings.causal)
+        window = self.window if self.settings.method == "paper" else max(len(survey.pings), 1)
+        return plan_schedule(survey, frames=frames, window=window, causal=self.settings.causal)
 
     def plan(
         self,
@@ -234,7 +235,7 @@ class Reconstructor:
                 self.log_odds,
                 **on,
             )
-        if self.settings.causal:
+        if self.settings.causal and self._carver is None:
             self._estimate(self._slots["epoch_frame"])
         slots.next_round(self._epoch, device=self.device)
 
@@ -254,7 +255,7 @@ class Reconstructor:
         )
 
     def conclude(self) -> None:
-        """Weigh everything worked in so far together; only launches. Causal work has been weighed as it came."""
+        """Weigh everything worked in so far together; only launches. Online, ``paper`` has done so on the way."""
         if self._carver is not None:
             self._carver.conclude(self.log_odds, self._reading, self._estimates)
         elif not self.settings.causal:
@@ -276,7 +277,7 @@ class Reconstructor:
         self._estimates.quality.zero_()
 
     def read(self) -> Clouds:
-        """Clouds of everything worked in so far."""
+        """Clouds of everything worked in so far; after any step, and as often as wanted."""
         self.conclude()
         contacts = self.contacts
         edge = wp.zeros(contacts.critical_range.shape, dtype=wp.vec3, device=self.device)

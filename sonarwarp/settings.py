@@ -121,7 +121,7 @@ class LikelihoodField:
     """Least log-odds at the most likely particle for a point that the field informs. Ours."""
 
     window_sweeps: float = 3.0
-    """Sweeps of the PS that the field remembers, k of Eq. 21. Ours."""
+    """Sweeps of the PS that the paper's method remembers online, k of Eq. 21. Ours."""
 
     near: float = 0.5
     """Nearest range kept in the field over r_emin: what rises higher has no cells and falls back. Ours."""
@@ -343,14 +343,11 @@ class ReconstructionSettings:
     """Particles per beam of the paper's method. Ours."""
 
     causal: bool = False
-    """Whether a frame is weighed against the pings before it only (online), or against all of them (offline). Online is
-    for the paper's method: what a contact leaves in doubt, later frames decide."""
+    """Whether rounds bring pings and frames in order of time (online), or all pings first (offline). Online, ``paper``
+    weighs each frame once, against the pings of its window before it; ``carved`` weighs at every read all frames so far
+    against all pings so far and forgets none, since what a contact leaves in doubt later frames decide."""
 
     def __post_init__(self) -> None:
         if self.method not in ("carved", "paper"):
             raise ValueError(f"ReconstructionSettings.method: {self.method!r}, must be 'carved' or 'paper'")
-        if self.causal and self.method != "paper":
-            raise ValueError(
-                f"ReconstructionSettings.causal: true, needs method = 'paper': {self.method!r} weighs the whole log"
-            )
         in_range("ReconstructionSettings.particles", self.particles, 1, 1 << 20)

@@ -50,9 +50,9 @@ def rows(instants, chosen):
     return replace(instants, **{field.name: getattr(instants, field.name)[chosen] for field in fields(instants)})
 
 
-def planned(log, device, frames=8):
+def planned(log, device, frames=8, settings=CARVED):
     """A reconstructor before its first round, and its rounds' images and echoes."""
-    reconstructor = sw.Reconstructor(SWIFT, settings=CARVED, device=device)
+    reconstructor = sw.Reconstructor(SWIFT, settings=settings, device=device)
     schedule = reconstructor.plan_schedule(log.survey, frames=frames)
     reconstructor.plan(log.survey, schedule)
     rounds = [
@@ -204,6 +204,27 @@ def test_after_some_rounds_only_their_frames_have_proven_anything(log, device):
     # The first frame looks least far, so that both boxes begin at one place.
     assert same_points(early.fused, want.fused)
     assert not same_points(early.fused, sw.reconstruct(log, settings=CARVED, device=device).fused)
+
+
+def test_online_every_read_is_of_the_log_so_far(alone, log, device):
+    """Neither a frame nor a ping to come leaves a trace, and none before is forgotten."""
+    reconstructor, schedule, rounds = planned(log, device, frames=1, settings=replace(CARVED, causal=True))
+    frames, pings = log.survey.frames, log.survey.pings
+    assert reconstructor.window < len(pings) / 2
+    faces = 0
+    for (images, echoes), frame in zip(rounds, schedule.round_frame[:, 0], strict=True):
+        reconstructor.step(images, echoes)
+        if frame not in (30, 60, 70, 80):
+            continue
+        shown, sent = np.arange(frame + 1), np.flatnonzero(pings.time <= frames.time[frame])
+        survey = replace(log.survey, frames=rows(frames, shown), pings=rows(pings, sent))
+        cut = sw.SonarLog(survey=survey, images=log.images[shown], echoes=log.echoes[sent])
+        want, found = sw.reconstruct(cut, settings=CARVED, device=device), reconstructor.read()
+        assert same_points(want.fused, found.fused)
+        assert same_points(want.single, found.single)
+        faces += len(of_source(found.fused, 1)) > 0
+    assert faces >= 2
+    assert same_points(alone[2].fused, reconstructor.read().fused)
 
 
 def test_before_any_round_there_are_no_points(log, device):

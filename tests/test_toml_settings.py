@@ -345,7 +345,7 @@ def test_other_refusals_say_where_they_come_from(tmp_path):
 # What a reconstruction is told, after its table's name, and how it is refused.
 CARELESS = {
     "another method": ('method = "best"', r"n: reconstruction\.method: 'best', must be one of 'carved', 'paper'"),
-    "online without the paper's method": ("causal = true", r"n: reconstruction\.causal: true, needs method = 'paper'"),
+    "half online": ("causal = 0.5", r"n: reconstruction\.causal: 0\.5, must be "),
     "no reach": ("free_space.reach = 0", r"n: reconstruction\.free_space\.reach: 0 is outside \[0\.001, 10\]"),
     "a share of all": ("free_space.side_share = 2", r"free_space\.side_share: 2 is outside \[0, 1\]"),
     "no hypotheses": ("free_space.hypotheses = 0", r"free_space\.hypotheses: 0 is outside \[1, "),

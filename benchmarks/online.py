@@ -1,0 +1,166 @@
+"""The default method online: ``python -m benchmarks.online``.
+
+A run is read every two seconds, as a vehicle under way would, and what a read gives is published for good: a point is
+taken as the first read has it that comes a delay after the instant of its frame or ping, and never moved or taken back.
+Prints errors of what was published, by delay, beside those of the last read, as a Markdown table; means over seeds and
+objects, with field noise.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+import warp as wp
+
+import sonarwarp as sw
+from benchmarks.ablation import CASES
+from benchmarks.run import machine
+from benchmarks.tables import ERRORS_HEADING, case_name, error_cell, markdown, prepare, summarise_cases, write_json
+from sonarwarp.app import rows
+from sonarwarp.app.experiment import Engines, Experiment, Run, plan_surveys
+from sonarwarp.app.paper_cases import Case
+from sonarwarp.app.progress import Watch, show_progress
+from sonarwarp.schedule import EMPTY
+
+DELAYS = (0.0, 2.0, 10.0)
+"""How long points are thought over before they are published [s]."""
+
+EVERY = 2.0
+"""Time from read to read [s]."""
+
+
+@dataclass(kw_only=True)
+class Publisher:
+    """Points as a reader has them who takes each when it is due, and then never again."""
+
+    delay: float
+    """Least time from a point's frame or ping to its publication [s]."""
+    parts: list[sw.PointCloud] = field(default_factory=list)
+    """What was published, read by read."""
+    known: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    """Identities of what was published."""
+
+    def take(self, cloud: sw.PointCloud, now: float) -> None:
+        """Publish what is due and new.
+
+        Args:
+            cloud: of one trajectory, read at ``now``.
+            now: time of the last frame worked in [s].
+        """
+        met = identities(cloud)
+        fresh = (cloud.attributes["time"] <= now - self.delay) & ~np.isin(met, self.known)
+        self.parts.append(cloud.select(fresh))
+        self.known = np.union1d(self.known, met[fresh])
+
+    @property
+    def published(self) -> sw.PointCloud:
+        """All of it."""
+        return sw.PointCloud.join(*self.parts)
+
+
+def identities(cloud: sw.PointCloud) -> np.ndarray:
+    """What a point is of: its sonar, frame or ping, and beam or strip; points of one strip share it; shape [point]."""
+    source, frame, beam = (cloud.attributes[name].astype(np.int64) for name in ("source", "frame", "beam"))
+    return (source << 60) | (frame << 24) | beam
+
+
+def main(
+    seeds: Annotated[int, typer.Option(min=1, max=10_000, help="Runs of each case.")] = 3,
+    json_file: Annotated[Path | None, typer.Option("--json", help="File for the rows of all runs.")] = None,
+    device: Annotated[str, typer.Option(help="Warp device, such as cpu or cuda:0.")] = "cpu",
+) -> None:
+    """Print the errors of points that are published on the way as a Markdown table."""
+    place = prepare(json_file, device)
+    with show_progress() as watch:
+        measured = measure(CASES, DELAYS, seeds=range(seeds), device=place, watch=watch)
+    write_json(json_file, [{**row, **machine(place)} for row in measured])
+    print(table(measured))
+
+
+def measure(
+    cases: Sequence[Case], delays: Sequence[float], *, seeds: Sequence[int], device: str, watch: Watch
+) -> list[dict[str, Any]]:
+    """Rows of the fused clouds, one per delay, object and seed, and of the last read, whose delay is none.
+
+    Args:
+        cases: what to reconstruct, with field noise.
+        delays: [s].
+        seeds: of the runs.
+        device: Warp device.
+        watch: told of every frame.
+    """
+    measured = []
+    for case in cases:
+        for seed in seeds:
+            experiment = case.experiment(seed, "field")
+            online = replace(experiment.settings, causal=True)
+            measured += _measure(replace(experiment, settings=online), delays, device, watch)
+    return measured
+
+
+def _measure(experiment: Experiment, delays: Sequence[float], device: str, watch: Watch) -> list[dict[str, Any]]:
+    truth, survey = plan_surveys(experiment)
+    engines = Engines([experiment], device)
+    reconstructor = engines.reconstructor
+    schedule = reconstructor.plan_schedule(survey, frames=max(round(EVERY * experiment.rig.fls.rate), 1))
+    engines.plan(truth, survey, schedule)
+    advance = watch(experiment.title, len(survey.frames), "frames")
+    publishers = {delay: Publisher(delay=delay) for delay in delays}
+    clouds, seconds = reconstructor.read(), []
+    for shown in schedule.round_frame:
+        engines.step()
+        wp.synchronize_device(device)
+        start = time.perf_counter()
+        clouds = reconstructor.read()
+        seconds.append(time.perf_counter() - start)
+        frames = shown[shown != EMPTY]
+        # No frame yet: pings alone.
+        now = float(survey.frames.time[frames].max(initial=-math.inf))
+        for publisher in publishers.values():
+            publisher.take(clouds.fused, now)
+        advance(len(frames))
+    for publisher in publishers.values():
+        publisher.take(clouds.fused, math.inf)
+    fused = {delay: publisher.published for delay, publisher in publishers.items()} | {None: clouds.fused}
+    run = Run(
+        experiment=experiment,
+        device=device,
+        survey=survey,
+        truth=truth,
+        clouds=clouds,
+        critical_range=reconstructor.contacts.critical_range.numpy(),
+        seconds=sum(seconds),
+    )
+    return [
+        {"delay": delay, "longest_read": max(seconds), **row}
+        for delay, cloud in fused.items()
+        for own in [replace(run, clouds=replace(clouds, fused=cloud))]
+        for row in rows.object_rows(own, rows.evaluate_objects(own))
+        if row["method"] == "fused"
+    ]
+
+
+def table(measured: Sequence[Mapping[str, Any]]) -> str:
+    """Rows of :func:`measure` as a table, a case a line."""
+    summaries = {
+        delay: summarise_cases(row for row in measured if row["delay"] == delay)
+        for delay in dict.fromkeys(row["delay"] for row in measured)
+    }
+    headings = ["last read" if delay is None else f"after {delay:g} s" for delay in summaries]
+    lines = []
+    for case in zip(*summaries.values(), strict=True):
+        mine = (case[0].object, case[0].deployment)
+        longest = max(row["longest_read"] for row in measured if (row["object"], row["deployment"]) == mine)
+        lines.append([case_name(case[0]), *(error_cell(summary) for summary in case), f"{longest:.1f}"])
+    return markdown([f"Run: {ERRORS_HEADING}", *headings, "Longest read [s]"], lines)
+
+
+if __name__ == "__main__":
+    typer.run(main)
