@@ -9,18 +9,18 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
-from typing import Annotated, Any
+from functools import partial
+from typing import Any
 
 import typer
 
 import sonarwarp as sw
-from benchmarks.run import machine
-from benchmarks.tables import ERRORS_HEADING, case_name, error_cell, markdown, prepare, summarise_cases, write_json
+from benchmarks.command import Device, JsonFile, Seeds, report
+from benchmarks.tables import ERRORS_HEADING, case_name, error_cell, markdown, summarise_cases
 from sonarwarp.app import rows
 from sonarwarp.app.experiment import record, run_recorded
 from sonarwarp.app.paper_cases import BRICK, PAIRS, Case
-from sonarwarp.app.progress import Watch, show_progress
+from sonarwarp.app.progress import Watch
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,17 +89,9 @@ CASES = (BRICK, *(case for case in PAIRS if case.arrangement == "misaligned" and
 """What is reconstructed."""
 
 
-def main(
-    seeds: Annotated[int, typer.Option(min=1, max=10_000, help="Runs of each case.")] = 3,
-    json_file: Annotated[Path | None, typer.Option("--json", help="File for the rows of all runs.")] = None,
-    device: Annotated[str, typer.Option(help="Warp device, such as cpu or cuda:0.")] = "cpu",
-) -> None:
+def main(seeds: Seeds = 3, json_file: JsonFile = None, device: Device = "cpu") -> None:
     """Print what each step of the improved method brings as a Markdown table."""
-    place = prepare(json_file, device)
-    with show_progress() as watch:
-        measured = measure(CASES, VARIANTS, seeds=range(seeds), device=place, watch=watch)
-    write_json(json_file, [{**row, **machine(place)} for row in measured])
-    print(table(measured))
+    report(partial(measure, CASES, VARIANTS, seeds=range(seeds)), table, json_file=json_file, device=device)
 
 
 def measure(

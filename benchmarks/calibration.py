@@ -13,17 +13,17 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import fields, replace
-from pathlib import Path
-from typing import Annotated, Any
+from functools import partial
+from typing import Any
 
 import numpy as np
 import typer
 
-from benchmarks.run import machine
-from benchmarks.tables import markdown, prepare, write_json
+from benchmarks.command import Device, JsonFile, Seeds, report
+from benchmarks.tables import markdown
 from sonarwarp.app.experiment import Run, run_batch
 from sonarwarp.app.paper_cases import BRICK, PAIRS, SLOPES, Case
-from sonarwarp.app.progress import Watch, show_progress
+from sonarwarp.app.progress import Watch
 from sonarwarp.metrics import Claims, contact_claims, evaluate_calibration, face_claims
 from sonarwarp.truth import first_contacts
 
@@ -44,17 +44,9 @@ ALL = "all"
 """Experiment in rows where all are drawn together."""
 
 
-def main(
-    seeds: Annotated[int, typer.Option(min=1, max=10_000, help="Runs of each experiment.")] = 1,
-    json_file: Annotated[Path | None, typer.Option("--json", help="File for the rows, by experiment too.")] = None,
-    device: Annotated[str, typer.Option(help="Warp device, such as cpu or cuda:0.")] = "cpu",
-) -> None:
+def main(seeds: Seeds = 1, json_file: JsonFile = None, device: Device = "cpu") -> None:
     """Print coverage and sharpness of points as a Markdown table."""
-    place = prepare(json_file, device)
-    with show_progress() as watch:
-        measured = measure(CASES, seeds=range(seeds), device=place, watch=watch)
-    write_json(json_file, [{**row, **machine(place)} for row in measured])
-    print(table(measured))
+    report(partial(measure, CASES, seeds=range(seeds)), table, json_file=json_file, device=device)
 
 
 def measure(cases: Sequence[Case], *, seeds: Sequence[int], device: str, watch: Watch) -> list[dict[str, Any]]:

@@ -11,18 +11,17 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import partial
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 
 import sonarwarp as sw
-from benchmarks.run import machine
-from benchmarks.tables import ERRORS_HEADING, error_cell, markdown, prepare, write_json
+from benchmarks.command import Device, JsonFile, Seeds, report
+from benchmarks.tables import ERRORS_HEADING, error_cell, markdown
 from sonarwarp.app.experiment import run_batch
 from sonarwarp.app.paper_cases import Case
 from sonarwarp.app.paper_summary import Summary, summarise
-from sonarwarp.app.progress import Watch, show_progress
+from sonarwarp.app.progress import Watch
 from sonarwarp.app.rows import METHODS, SEEN, evaluate_objects, evaluate_seen, object_rows
 from sonarwarp_scenes import Frustum, LyingCylinder, Shape, Sphere, Wedge, object_deployment
 
@@ -98,17 +97,9 @@ CASES = (
 """What is reconstructed."""
 
 
-def main(
-    seeds: Annotated[int, typer.Option(min=1, max=10_000, help="Runs of each case.")] = 1,
-    json_file: Annotated[Path | None, typer.Option("--json", help="File for the rows.")] = None,
-    device: Annotated[str, typer.Option(help="Warp device, such as cpu or cuda:0.")] = "cpu",
-) -> None:
+def main(seeds: Seeds = 1, json_file: JsonFile = None, device: Device = "cpu") -> None:
     """Print error rates as a Markdown table."""
-    place = prepare(json_file, device)
-    with show_progress() as watch:
-        measured = measure(CASES, seeds=range(seeds), device=place, watch=watch)
-    write_json(json_file, [{**row, **machine(place)} for row in measured])
-    print(table(measured))
+    report(partial(measure, CASES, seeds=range(seeds)), table, json_file=json_file, device=device)
 
 
 def measure(cases: Sequence[Case], *, seeds: Sequence[int], device: str, watch: Watch) -> list[dict[str, Any]]:

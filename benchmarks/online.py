@@ -12,8 +12,8 @@ import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
-from typing import Annotated, Any
+from functools import partial
+from typing import Any
 
 import numpy as np
 import typer
@@ -21,12 +21,12 @@ import warp as wp
 
 import sonarwarp as sw
 from benchmarks.ablation import CASES
-from benchmarks.run import machine
-from benchmarks.tables import ERRORS_HEADING, case_name, error_cell, markdown, prepare, summarise_cases, write_json
+from benchmarks.command import Device, JsonFile, Seeds, report
+from benchmarks.tables import ERRORS_HEADING, case_name, error_cell, markdown, summarise_cases
 from sonarwarp.app import rows
 from sonarwarp.app.experiment import Engines, Experiment, Run, plan_surveys
 from sonarwarp.app.paper_cases import Case
-from sonarwarp.app.progress import Watch, show_progress
+from sonarwarp.app.progress import Watch
 from sonarwarp.schedule import EMPTY
 
 DELAYS = (0.0, 2.0, 10.0)
@@ -71,17 +71,9 @@ def identities(cloud: sw.PointCloud) -> np.ndarray:
     return (source << 60) | (frame << 24) | beam
 
 
-def main(
-    seeds: Annotated[int, typer.Option(min=1, max=10_000, help="Runs of each case.")] = 3,
-    json_file: Annotated[Path | None, typer.Option("--json", help="File for the rows of all runs.")] = None,
-    device: Annotated[str, typer.Option(help="Warp device, such as cpu or cuda:0.")] = "cpu",
-) -> None:
+def main(seeds: Seeds = 3, json_file: JsonFile = None, device: Device = "cpu") -> None:
     """Print the errors of points that are published on the way as a Markdown table."""
-    place = prepare(json_file, device)
-    with show_progress() as watch:
-        measured = measure(CASES, DELAYS, seeds=range(seeds), device=place, watch=watch)
-    write_json(json_file, [{**row, **machine(place)} for row in measured])
-    print(table(measured))
+    report(partial(measure, CASES, DELAYS, seeds=range(seeds)), table, json_file=json_file, device=device)
 
 
 def measure(

@@ -7,7 +7,6 @@ import pytest
 
 import sonarwarp as sw
 from benchmarks.ablation import CASES, STEPS, VARIANTS, Variant, measure, table, without
-from benchmarks.tables import prepare
 from sonarwarp.app.experiment import record, run_batch, run_recorded
 from sonarwarp.app.paper_cases import Case
 from tests.small_runs import CARVED
@@ -162,14 +161,3 @@ def test_the_table_has_means_over_seeds_and_objects_and_counts_what_is_missing()
         for which, slope, area in (("first", 0.02, 0.1), ("second", None, 0.3))
     ]
     assert table(rows).splitlines()[2] == "| whole | 0.020 (1 of 2 none) / 0.200 / none |"
-
-
-def test_what_cannot_serve_is_refused_in_one_line_before_any_work(tmp_path):
-    for json_file, device, words in (
-        (tmp_path / "no" / "rows.json", "cpu", "json: cannot write to"),
-        (None, "nowhere", "device: 'nowhere'"),
-    ):
-        with pytest.raises(SystemExit, match=words) as refusal:
-            prepare(json_file, device)
-        assert "\n" not in str(refusal.value)
-    assert prepare(tmp_path / "rows.json", "cpu") == "cpu"
