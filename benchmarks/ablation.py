@@ -16,7 +16,7 @@ import typer
 
 import sonarwarp as sw
 from benchmarks.command import Device, JsonFile, Seeds, report
-from benchmarks.tables import ERRORS_HEADING, case_name, error_cell, markdown, summarise_cases
+from benchmarks.tables import markdown, variant_cells
 from sonarwarp.app import rows
 from sonarwarp.app.experiment import record, run_recorded
 from sonarwarp.app.paper_cases import BRICK, PAIRS, Case
@@ -124,13 +124,7 @@ def measure(
 
 def table(measured: Sequence[Mapping[str, Any]]) -> str:
     """Rows of :func:`measure` as a table, a variant a line."""
-    summaries = {
-        title: summarise_cases(row for row in measured if row["variant"] == title)
-        for title in dict.fromkeys(row["variant"] for row in measured)
-    }
-    headings = [case_name(summary) for summary in next(iter(summaries.values()))]
-    lines = [[title, *(error_cell(summary) for summary in cases)] for title, cases in summaries.items()]
-    return markdown([f"Variant: {ERRORS_HEADING}", *headings], lines)
+    return markdown(*variant_cells(measured))
 
 
 if __name__ == "__main__":

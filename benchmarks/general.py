@@ -126,7 +126,7 @@ def table(measured: Sequence[dict[str, Any]]) -> str:
         cases.setdefault(summary.object, {})[summary.method] = summary
     methods = (*METHODS, SEEN)
     lines = [(title, *(error_cell(found[method]) for method in methods)) for title, found in cases.items()]
-    return markdown((f"Object and run: {ERRORS_HEADING}", *methods), lines)
+    return markdown((ERRORS_HEADING, *methods), lines)
 
 
 if __name__ == "__main__":

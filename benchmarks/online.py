@@ -22,7 +22,7 @@ import warp as wp
 import sonarwarp as sw
 from benchmarks.ablation import CASES
 from benchmarks.command import Device, JsonFile, Seeds, report
-from benchmarks.tables import ERRORS_HEADING, case_name, error_cell, markdown, summarise_cases
+from benchmarks.tables import markdown, variant_cells
 from sonarwarp.app import rows
 from sonarwarp.app.experiment import Engines, Experiment, Run, plan_surveys
 from sonarwarp.app.paper_cases import Case
@@ -79,7 +79,7 @@ def main(seeds: Seeds = 3, json_file: JsonFile = None, device: Device = "cpu") -
 def measure(
     cases: Sequence[Case], delays: Sequence[float], *, seeds: Sequence[int], device: str, watch: Watch
 ) -> list[dict[str, Any]]:
-    """Rows of the fused clouds, one per delay, object and seed, and of the last read, whose delay is none.
+    """Rows of the fused clouds, one per delay, object and seed, and of the last read.
 
     Args:
         cases: what to reconstruct, with field noise.
@@ -120,7 +120,7 @@ def _measure(experiment: Experiment, delays: Sequence[float], device: str, watch
         advance(len(frames))
     for publisher in publishers.values():
         publisher.take(clouds.fused, math.inf)
-    fused = {delay: publisher.published for delay, publisher in publishers.items()} | {None: clouds.fused}
+    fused = {f"after {delay:g} s": publisher.published for delay, publisher in publishers.items()}
     run = Run(
         experiment=experiment,
         device=device,
@@ -131,8 +131,8 @@ def _measure(experiment: Experiment, delays: Sequence[float], device: str, watch
         seconds=sum(seconds),
     )
     return [
-        {"delay": delay, "longest_read": max(seconds), **row}
-        for delay, cloud in fused.items()
+        {"variant": variant, "longest_read": max(seconds), **row}
+        for variant, cloud in [*fused.items(), ("last read", clouds.fused)]
         for own in [replace(run, clouds=replace(clouds, fused=cloud))]
         for row in rows.object_rows(own, rows.evaluate_objects(own))
         if row["method"] == "fused"
@@ -140,18 +140,13 @@ def _measure(experiment: Experiment, delays: Sequence[float], device: str, watch
 
 
 def table(measured: Sequence[Mapping[str, Any]]) -> str:
-    """Rows of :func:`measure` as a table, a case a line."""
-    summaries = {
-        delay: summarise_cases(row for row in measured if row["delay"] == delay)
-        for delay in dict.fromkeys(row["delay"] for row in measured)
-    }
-    headings = ["last read" if delay is None else f"after {delay:g} s" for delay in summaries]
-    lines = []
-    for case in zip(*summaries.values(), strict=True):
-        mine = (case[0].object, case[0].deployment)
-        longest = max(row["longest_read"] for row in measured if (row["object"], row["deployment"]) == mine)
-        lines.append([case_name(case[0]), *(error_cell(summary) for summary in case), f"{longest:.1f}"])
-    return markdown([f"Run: {ERRORS_HEADING}", *headings, "Longest read [s]"], lines)
+    """Rows of :func:`measure` as a table, a delay a line, and how long reads took at most."""
+    headings, lines = variant_cells(measured)
+    longest: dict[tuple[Any, ...], float] = {}
+    for row in measured:
+        case = (row["experiment"], row["object"], row["deployment"])
+        longest[case] = max(row["longest_read"], longest.get(case, 0.0))
+    return markdown(headings, [*lines, ["longest read", *(f"{seconds:.1f} s" for seconds in longest.values())]])
 
 
 if __name__ == "__main__":

@@ -13,8 +13,8 @@ from sonarwarp.app.paper_summary import Summary, summarise
 ERRORS = ("slope_error", "area_error", "volume_error")
 """Keys of rows, in the order in which a cell has them."""
 
-ERRORS_HEADING = "slope / area / volume error"
-"""What such a cell is called."""
+ERRORS_HEADING = "Slope / area / volume error"
+"""What stands over lines of such cells."""
 
 
 def markdown(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -23,13 +23,20 @@ def markdown(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
 
 
-def summarise_cases(rows: Iterable[Mapping[str, Any]]) -> list[Summary]:
-    """One summary for all rows of a case: both objects of a pair count alike, and together."""
-    return summarise([{**row, "which": None} for row in rows])
+def variant_cells(rows: Sequence[Mapping[str, Any]]) -> tuple[list[str], list[list[str]]]:
+    """Headings and lines of mean errors: a line for each ``variant`` of the rows, a column for each case.
+
+    Both objects of a pair count alike, and together.
+    """
+    summaries = {
+        variant: summarise([{**row, "which": None} for row in rows if row["variant"] == variant])
+        for variant in dict.fromkeys(row["variant"] for row in rows)
+    }
+    lines = [[variant, *(error_cell(summary) for summary in cases)] for variant, cases in summaries.items()]
+    return [ERRORS_HEADING, *(_case_name(summary) for summary in next(iter(summaries.values())))], lines
 
 
-def case_name(summary: Summary) -> str:
-    """What a case is called in a table."""
+def _case_name(summary: Summary) -> str:
     return summary.object if summary.deployment is None else f"pair, {summary.object} deg"
 
 

@@ -148,7 +148,7 @@ def test_small_cases_give_the_documented_columns(device):
         *((title, "90", which) for title in ("whole", "paper") for which in ("first", "second")),
     ]
     heading, rule, *lines = table(measured).splitlines()
-    assert heading == "| Variant: slope / area / volume error | brick | pair, 90 deg |"
+    assert heading == "| Slope / area / volume error | brick | pair, 90 deg |"
     assert [line.split(" | ")[0] for line in lines] == ["| whole", "| paper"]
     assert {line.count("|") for line in (heading, rule, *lines)} == {4}
 
