@@ -227,6 +227,14 @@ def test_online_every_read_is_of_the_log_so_far(alone, log, device):
     assert same_points(alone[2].fused, reconstructor.read().fused)
 
 
+def test_online_the_papers_method_weighs_nothing(log, device, monkeypatch):
+    monkeypatch.setattr(estimate, "estimate_points", None)
+    reconstructor, _, rounds = planned(log, device, settings=replace(CARVED, causal=True))
+    for images, echoes in rounds:
+        reconstructor.step(images, echoes)
+    assert len(reconstructor.read().fused) > 0
+
+
 def test_before_any_round_there_are_no_points(log, device):
     reconstructor, _, rounds = planned(log, device)
     assert len(reconstructor.read().fused) == 0

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import sonarwarp as sw
-from benchmarks.online import Publisher, identities, measure, table
+from benchmarks.online import EVERY, Publisher, identities, measure, table
+from benchmarks.targets import figures_of
 from sonarwarp.app.experiment import run_batch
 from sonarwarp.app.rows import evaluate_objects, object_rows
 from tests.test_ablation import BRICK
@@ -36,7 +37,8 @@ def test_a_point_is_published_when_it_is_due_and_never_again():
     publisher.take(cloud((0, 3, 7, 0.3, 9.0), late), now=3.0)
     assert publisher.published.points[:, 0].tolist() == [1.0, 2.0]
     # Taken back by the reconstruction: it stays too.
-    publisher.take(cloud(), now=math.inf)
+    publisher.take(cloud(), now=4.0)
+    publisher.take(cloud(early, late), now=math.inf)
     assert publisher.published.points[:, 0].tolist() == [1.0, 2.0]
 
 
@@ -68,6 +70,29 @@ def test_the_last_read_and_what_waits_for_it_are_the_offline_run(measured, devic
         assert {key: found[key] for key in want} == want
     (hasty,) = (row for row in measured if row["variant"] == "after 0 s")
     assert any(hasty[key] != want[key] for key in ("area_error", "volume_error"))
+
+
+def test_a_run_is_read_on_the_way_and_nothing_later_is_known(device, monkeypatch):
+    reads, publish = [], Publisher.take
+
+    def take(publisher, cloud, now):
+        reads.append((now, cloud.attributes["time"].max(initial=-math.inf)))
+        publish(publisher, cloud, now)
+
+    monkeypatch.setattr(Publisher, "take", take)
+    measure([BRICK], (0.0,), seeds=(3,), device=device, watch=watch)
+    now, latest = np.array(reads).T
+    between = np.diff(now[:-1])
+    assert between.min() > 0.0
+    assert between.max() == pytest.approx(EVERY)
+    assert now[-1] == math.inf
+    assert (latest <= now).all()
+    # What the last frame met is there at once.
+    assert latest[-2] == now[-2]
+
+
+def test_targets_are_not_about_what_is_published_early(measured):
+    assert figures_of(measured) == {}
 
 
 def test_the_table_has_a_line_for_each_delay_and_says_how_long_reads_took():
