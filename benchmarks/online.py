@@ -1,7 +1,10 @@
 """The default method online: ``python -m benchmarks.online``.
 
-A run is read every two seconds, as a vehicle under way would, and what a read gives is published for good: a point is
-taken as the first read has it that comes a delay after the instant of its frame or ping, and never moved or taken back.
+A run is read every two seconds or sooner, as a vehicle under way would, and what a read gives is published for good: a
+point is taken as the first read has it that comes a delay after the instant of its frame or ping, and never moved or
+taken back. So strays stay that a later read takes out, and beside a contact the surer one that repeats it later:
+without a delay, 16 % of the brick's published contacts and 3 % of a pair's lie in a cube that has one already.
+
 Prints errors of what was published, by delay, beside those of the last read, as a Markdown table; means over seeds and
 objects, with field noise.
 """
@@ -33,7 +36,8 @@ DELAYS = (0.0, 2.0, 10.0)
 """How long points are thought over before they are published [s]."""
 
 EVERY = 2.0
-"""Time from read to read [s]."""
+"""Most time from read to read [s]. A round ends before a ping whose frames no longer fit: the slow profiling sonar's of
+the brick are read every 1.5 s."""
 
 
 @dataclass(kw_only=True)
@@ -105,6 +109,7 @@ def _measure(experiment: Experiment, delays: Sequence[float], device: str, watch
     engines.plan(truth, survey, schedule)
     advance = watch(experiment.title, len(survey.frames), "frames")
     publishers = {delay: Publisher(delay=delay) for delay in delays}
+    # Kernels load in this read, not in a timed one.
     clouds, seconds = reconstructor.read(), []
     for shown in schedule.round_frame:
         engines.step()
@@ -113,7 +118,7 @@ def _measure(experiment: Experiment, delays: Sequence[float], device: str, watch
         clouds = reconstructor.read()
         seconds.append(time.perf_counter() - start)
         frames = shown[shown != EMPTY]
-        # No frame yet: pings alone.
+        # A round of pings alone has no such time: nothing is due.
         now = float(survey.frames.time[frames].max(initial=-math.inf))
         for publisher in publishers.values():
             publisher.take(clouds.fused, now)

@@ -53,11 +53,11 @@ class Reconstructor:
         return max(round(self.settings.likelihood_field.window_sweeps * self.rig.ps.pings_per_sweep), 1)
 
     def plan_schedule(self, survey: Survey, *, frames: int) -> Schedule:
-        """Order a survey as this reconstruction wants it: causal or not, with its window.
+        """Order a survey as this reconstruction wants it: in order of time or not, with the paper's window or none.
 
         Args:
             survey: what was recorded.
-            frames: most frames in a round. Online, what a read gives is as old as that many frames.
+            frames: most frames in a round. Online, a frame may wait for as many more before a read can show it.
         """
         window = self.window if self.settings.method == "paper" else max(len(survey.pings), 1)
         return plan_schedule(survey, frames=frames, window=window, causal=self.settings.causal)

@@ -70,7 +70,7 @@ def plan_schedule(survey: Survey, *, frames: int, window: int, causal: bool = Tr
         frames: most frames in a round. Its pings stay within the same number, unless one epoch alone brings more: up
             to 8 of each of as many trajectories, which are small beside images.
         window: pings of a trajectory that its field remembers.
-        causal: whether a frame is weighed against the pings before it only; otherwise all pings come first, and none
+        causal: whether a frame comes after the pings before it and no other; otherwise all pings come first, and none
             leaves.
 
     Raises:

@@ -345,7 +345,8 @@ class ReconstructionSettings:
     causal: bool = False
     """Whether rounds bring pings and frames in order of time (online), or all pings first (offline). Online, ``paper``
     weighs each frame once, against the pings of its window before it; ``carved`` weighs at every read all frames so far
-    against all pings so far and forgets none, since what a contact leaves in doubt later frames decide."""
+    against all pings so far and forgets none, since what a contact leaves in doubt later frames decide. Its last read
+    is the same either way."""
 
     def __post_init__(self) -> None:
         if self.method not in ("carved", "paper"):

@@ -207,7 +207,10 @@ def test_after_some_rounds_only_their_frames_have_proven_anything(log, device):
 
 
 def test_online_every_read_is_of_the_log_so_far(alone, log, device):
-    """Neither a frame nor a ping to come leaves a trace, and none before is forgotten."""
+    """Neither a frame nor a ping to come leaves a trace, and none before is forgotten.
+
+    The first frame looks least far, so that all boxes begin at one place.
+    """
     reconstructor, schedule, rounds = planned(log, device, frames=1, settings=replace(CARVED, causal=True))
     frames, pings = log.survey.frames, log.survey.pings
     assert reconstructor.window < len(pings) / 2

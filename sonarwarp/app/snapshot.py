@@ -28,7 +28,7 @@ FRAMES = len(_SHARES)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Snapshot:
-    """Up to three frames, the pings that the field remembers at the last of them, and that field."""
+    """Up to three frames, the last pings before the last of them, as many as a window holds, and their field."""
 
     survey: sw.Survey
     """These frames and pings only."""
@@ -69,7 +69,7 @@ class Snapshot:
 
 
 def take_snapshot(run: Run) -> Snapshot:
-    """Form a few frames of a run again, and every ping that the field remembers at the last of them."""
+    """Form a few frames of a run again, and a window's pings before the last of them."""
     engines = Engines([run.experiment], run.device)
     frames = _telling_frames((run.critical_range >= 0.0).sum(axis=1))
     pings = _pings_before(run.survey, int(frames[-1]), engines.reconstructor.window)
@@ -95,7 +95,7 @@ def take_log_snapshot(
     settings: sw.ReconstructionSettings | None,
     device: str,
 ) -> Snapshot:
-    """Read a few frames of a log, and every ping that the field remembers at the last of them.
+    """Read a few frames of a log, and a window's pings before the last of them.
 
     Args:
         log: in memory or on disk.
