@@ -22,6 +22,7 @@ from sonarwarp_kernels import (
     fronts,
     noise,
     profile,
+    repeats,
     sides,
     slots,
     tops,
@@ -42,6 +43,7 @@ _LAUNCHERS: tuple[tuple[str, ModuleType, tuple[str, ...]], ...] = (
     ("strays and sides", sides, ("measure_onsets", "drop_sides")),
     ("faces", tops, ("raise_tops",)),
     ("faces", fronts, ("find_fronts",)),
+    ("repeats", repeats, ("find_surest", "drop_repeats")),
     ("slots", slots, ("load_slots", "load_poses", "load_noise", "gather_rows", "scatter_rows", "next_round")),
 )
 

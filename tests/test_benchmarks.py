@@ -18,7 +18,7 @@ def deployment():
 
 @pytest.mark.parametrize(
     ("settings", "hypotheses", "own"),
-    [(SETTINGS, 32, {"particles"}), (CARVED, 128, {"free depth", "arcs", "strays and sides", "faces"})],
+    [(SETTINGS, 32, {"particles"}), (CARVED, 128, {"free depth", "arcs", "strays and sides", "faces", "repeats"})],
     ids=["paper", "carved"],
 )
 def test_a_row_says_case_device_versions_and_shares(device, settings, hypotheses, own):
