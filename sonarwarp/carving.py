@@ -144,13 +144,12 @@ class Carver:
     def _drop_repeats(self, estimates: Estimates) -> None:
         """Of repeated hits keep the surest; last, for strays and tops are told by all of them."""
         self.hits.fill_(1)
-        grid, contacts, spacing = self._grid, self._contacts, self._settings.free_space.hit_spacing
+        contacts, spacing = self._contacts, self._settings.free_space.hit_spacing
         if spacing == 0.0:
             return
         trajectory, point = contacts.trajectory, estimates.likely
         self._surest.fill_(repeats.NO_CONTACT)
         repeats.find_surest(
-            grid,
             trajectory,
             self.quality,
             point,
@@ -160,9 +159,7 @@ class Carver:
             self._surest,
             device=self._device,
         )
-        repeats.drop_repeats(
-            grid, trajectory, point, self._surest, spacing, self.hits, self.quality, device=self._device
-        )
+        repeats.drop_repeats(trajectory, point, self._surest, spacing, self.hits, self.quality, device=self._device)
 
     def faces(self) -> PointCloud:
         """Points of the faces that :meth:`conclude` found."""
@@ -176,12 +173,16 @@ class Carver:
 
 
 def _seabed_under_pings(survey: Survey) -> np.ndarray:
-    """Height of the seabed under every ping [m], from the altitudes of its trajectory's frames, shape [ping]."""
+    """Height of the seabed under every ping [m], from the altitude of the last frame before it, shape [ping].
+
+    Of the first frame where there is none before: what comes later must not change what a ping has shown.
+    """
     frames, pings = survey.frames, survey.pings
     height = np.zeros(len(pings))
     seabed = frames.pose[:, 2] - frames.altitude
     for index in range(survey.trajectories):
         mine, theirs = frames.trajectory == index, pings.trajectory == index
         if mine.any():
-            height[theirs] = np.interp(pings.time[theirs], frames.time[mine], seabed[mine])
+            last = np.searchsorted(frames.time[mine], pings.time[theirs], side="right") - 1
+            height[theirs] = seabed[mine][np.maximum(last, 0)]
     return height

@@ -305,8 +305,9 @@ class Faces:
     """Most that a face's line leans forward [deg]: lines of upright faces err by so much. Of a wreck's that leaned 15
     to 25 deg, half lay more than 5 cm off."""
 
-    least_spread: float = 0.01
-    """Least standard deviation of the heights that a face's line goes through [m]: at one height it has no slope."""
+    least_spread: float = 0.02
+    """Least standard deviation of the heights that a face's line goes through [m]: at one height it has no slope, and
+    stands upright by default."""
 
     clearance: float = 0.04
     """A ray that runs this deep under contacts has met the object before the face [m]."""

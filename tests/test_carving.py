@@ -238,6 +238,26 @@ def test_online_the_papers_method_weighs_nothing(log, device, monkeypatch):
     assert len(reconstructor.read().fused) > 0
 
 
+def test_online_a_read_between_frames_knows_nothing_of_the_next_one(log, device):
+    """For two seconds no frame comes, and the seabed rises by 0.8 m meanwhile, so that the box begins where it did."""
+    kept = np.delete(np.arange(len(log.survey.frames)), np.s_[70:90])
+    frames = rows(log.survey.frames, kept)
+    frames = replace(frames, altitude=frames.altitude - 0.8 * (frames.number >= 90))
+    gap = sw.SonarLog(survey=replace(log.survey, frames=frames), images=log.images[kept], echoes=log.echoes)
+    reconstructor, schedule, rounds = planned(gap, device, frames=1, settings=replace(CARVED, causal=True))
+    done = int(np.flatnonzero(schedule.round_frame[:, 0] == 70)[0])
+    assert schedule.round_frame[done - 1, 0] < 0
+    for images, echoes in rounds[:done]:
+        reconstructor.step(images, echoes)
+    sent = np.unique(schedule.round_ping[:done])
+    sent = sent[sent >= 0]
+    survey = replace(gap.survey, frames=rows(frames, np.arange(70)), pings=rows(gap.survey.pings, sent))
+    cut = sw.SonarLog(survey=survey, images=gap.images[:70], echoes=gap.echoes[sent])
+    found = reconstructor.read().fused
+    assert len(of_source(found, 1)) > 0
+    assert same_points(sw.reconstruct(cut, settings=CARVED, device=device).fused, found)
+
+
 def test_before_any_round_there_are_no_points(log, device):
     reconstructor, _, rounds = planned(log, device)
     assert len(reconstructor.read().fused) == 0
@@ -402,9 +422,8 @@ def test_of_each_cube_the_surest_contact_stays_as_it_was_and_counts_all(log, alo
     )
     # As the kernel has it: what lies in which cube is a matter of rounding.
     length = every.attributes["range"] * every.attributes["elevation_deviation"]
-    origin = alone[3].grid.origin.numpy()
     owner = every.attributes["trajectory"]
-    found = surest(owner, every.points, length, origin, np.float32(spacing))
+    found = surest(owner, every.points, length, np.float32(spacing))
     assert len(found) < 0.9 * len(every)
     chosen = np.sort(list(found))
     assert np.array_equal(kept.points, every.points[chosen])

@@ -7,12 +7,12 @@ import warp as wp
 from sonarwarp_kernels import repeats
 from sonarwarp_kernels.estimate import QUALITY_FALLBACK, QUALITY_INFORMED, QUALITY_NONE
 from tests.reference import repeats as reference
-from tests.test_crowd import ORIGIN, ORIGINS, SHAPE, SIZES, make_grid
+from tests.test_crowd import ORIGINS, SIZES
 
 NONE, FALLBACK, INFORMED = int(QUALITY_NONE), int(QUALITY_FALLBACK), int(QUALITY_INFORMED)
 NO_CONTACT = int(repeats.NO_CONTACT)
 SPACING = 0.0625
-"""A power of two: what lies in which cube does not depend on rounding. A quarter of the grid's cells."""
+"""A power of two: what lies in which cube does not depend on rounding."""
 
 
 def run(
@@ -22,7 +22,6 @@ def run(
     distance=None,
     trajectory=None,
     quality=None,
-    grid=None,
     slots=None,
     hits=1,
     content=NO_CONTACT,
@@ -30,7 +29,6 @@ def run(
     """Hits and what became of the qualities of ``points``, shape [frame, beam, 3]."""
     points = np.asarray(points, dtype=np.float32)
     shape = points.shape[:2]
-    grid = grid or make_grid(device)
     owner = wp.array(np.zeros(len(points)) if trajectory is None else trajectory, dtype=int, device=device)
     quality_out = wp.array(np.full(shape, INFORMED) if quality is None else quality, dtype=int, device=device)
     point = wp.array(points, dtype=wp.vec3, device=device)
@@ -39,14 +37,14 @@ def run(
     slots = repeats.SLOTS * shape[0] * shape[1] if slots is None else slots
     surest = wp.full(slots, content, dtype=int, device=device)
     hits_out = wp.full(shape, hits, dtype=int, device=device)
-    repeats.find_surest(grid, owner, quality_out, point, distance, angle, SPACING, surest, device=device)
-    repeats.drop_repeats(grid, owner, point, surest, SPACING, hits_out, quality_out, device=device)
+    repeats.find_surest(owner, quality_out, point, distance, angle, SPACING, surest, device=device)
+    repeats.drop_repeats(owner, point, surest, SPACING, hits_out, quality_out, device=device)
     return hits_out.numpy(), quality_out.numpy()
 
 
-def at(cubes, origin=ORIGIN):
+def at(cubes):
     """World positions of the cubes' centres."""
-    return np.asarray(origin) + SPACING * (np.asarray(cubes, dtype=np.float64) + 0.5)
+    return SPACING * (np.asarray(cubes, dtype=np.float64) + 0.5)
 
 
 def stays(device, cubes, deviation, **changed):
@@ -132,7 +130,7 @@ def test_contacts_of_cubes_that_were_not_looked_into_stay(device):
     owner, point = wp.zeros(3, dtype=int, device=device), wp.zeros(shape, dtype=wp.vec3, device=device)
     table = wp.full(6, NO_CONTACT, dtype=int, device=device)
     hits, quality = (wp.full(shape, value, dtype=int, device=device) for value in (1, INFORMED))
-    repeats.drop_repeats(make_grid(device), owner, point, table, SPACING, hits, quality, device=device)
+    repeats.drop_repeats(owner, point, table, SPACING, hits, quality, device=device)
     assert np.all(hits.numpy() == 1)
     assert np.all(quality.numpy() == INFORMED)
 
@@ -149,27 +147,25 @@ def test_the_search_ends_in_a_table_that_nobody_cleared(device):
 @pytest.mark.parametrize("cube", [0, 7, -1, -1000])
 def test_a_cube_holds_its_lower_side_and_not_its_upper(device, axis, cube):
     points = np.repeat(at([(2, 2, 2)]), 4, axis=0)
-    points[:, axis] = np.asarray(ORIGIN)[axis] + SPACING * (cube + np.array([-1e-3, 0.0, 0.99, 1.0]))
+    points[:, axis] = SPACING * (cube + np.array([-1e-3, 0.0, 0.99, 1.0]))
     hits, quality = run(device, points[:, None], [[0.1]] * 4)
     assert np.where(quality == NONE, 0, hits)[:, 0].tolist() == [1, 2, 0, 1]
 
 
 @pytest.mark.parametrize("outside", [(-1, 4, 5), (3, -9, 5), (3, 4, 9999), (-(10**6), 10**6, -(10**6))])
-def test_contacts_outside_of_the_box_are_kept_and_counted_like_all(device, outside):
+def test_contacts_of_any_octant_and_far_away_are_kept_and_counted_like_all(device, outside):
     assert stays(device, [outside, HERE, outside, HERE], [0.2, 0.1, 0.1, 0.2]) == [0, 2, 2, 0]
 
 
 def test_two_trajectories_share_a_place_and_no_cube(device):
-    grid = make_grid(device, (ORIGIN, ORIGIN))
-    assert stays(device, [HERE] * 4, [0.1, 0.2, 0.3, 0.4], trajectory=[1, 0, 0, 1], grid=grid) == [2, 2, 0, 0]
+    assert stays(device, [HERE] * 4, [0.1, 0.2, 0.3, 0.4], trajectory=[1, 0, 0, 1]) == [2, 2, 0, 0]
 
 
 def test_all_in_cubes_of_their_own_stay(device):
     """As many as there are slots for, so that cubes of one place meet in the table however far apart they begin."""
     cubes = np.stack(np.meshgrid(*[np.arange(-12, 12)] * 3), axis=-1).reshape(-1, 3)
     both, owner = np.concatenate([cubes, cubes]), np.repeat([0, 1], len(cubes))
-    grid = make_grid(device, (ORIGIN, ORIGIN))
-    assert stays(device, both, np.full(len(both), 0.1), trajectory=owner, grid=grid) == [1] * len(both)
+    assert stays(device, both, np.full(len(both), 0.1), trajectory=owner) == [1] * len(both)
 
 
 # --- Many trajectories, any order ---
@@ -193,12 +189,12 @@ def random_batch(seed=3, frames=60, beams=20):
 
 def test_random_contacts_match_the_oracle(device):
     batch = random_batch()
-    hits, quality = run(device, **batch, grid=make_grid(device, ORIGINS, SIZES))
+    hits, quality = run(device, **batch)
     there = np.flatnonzero(batch["quality"])
     owner = np.repeat(batch["trajectory"], batch["quality"].shape[1])
     length = (batch["deviation"] * batch["distance"]).ravel()
     points = batch["points"].reshape(-1, 3).astype(np.float64)
-    found = reference.surest(owner[there], points[there], length[there], np.array(ORIGINS), SPACING)
+    found = reference.surest(owner[there], points[there], length[there], SPACING)
     assert 0.2 < len(found) / len(there) < 0.8
     assert np.flatnonzero(quality).tolist() == sorted(there[list(found)])
     for contact, members in found.items():
@@ -210,12 +206,11 @@ def test_random_contacts_match_the_oracle(device):
 
 def test_a_trajectory_is_alone_in_any_batch(device):
     batch = random_batch()
-    both = run(device, **batch, grid=make_grid(device, ORIGINS, SIZES))
+    both = run(device, **batch)
     for index in range(2):
         mine = batch["trajectory"] == index
-        grid = make_grid(device, ORIGINS[index : index + 1], SIZES[index : index + 1])
         chosen = {name: values[mine] for name, values in batch.items()} | {"trajectory": None}
-        alone = run(device, **chosen, grid=grid)
+        alone = run(device, **chosen)
         for one, other in zip(both, alone, strict=True):
             assert np.array_equal(one[mine], other)
 
@@ -226,18 +221,17 @@ def test_the_order_of_frames_and_beams_decides_between_equals_only(device):
     batch["deviation"] = rng.permutation(batch["deviation"].size).reshape(batch["deviation"].shape) + 1.0
     batch["distance"] = np.ones_like(batch["deviation"])
     frame, beam = rng.permutation(len(batch["points"])), rng.permutation(batch["points"].shape[1])
-    grid = make_grid(device, ORIGINS, SIZES)
-    plain = run(device, **batch, grid=grid)
+    plain = run(device, **batch)
     shuffled = {name: values[frame] for name, values in batch.items()}
     shuffled |= {name: values[:, beam] for name, values in shuffled.items() if name != "trajectory"}
-    for one, other in zip(plain, run(device, **shuffled, grid=grid), strict=True):
+    for one, other in zip(plain, run(device, **shuffled), strict=True):
         assert np.array_equal(one[frame][:, beam], other)
 
 
 @pytest.mark.parametrize("slots", [2401, 4096, 100_000])
 def test_the_size_of_the_table_changes_nothing(device, slots):
-    batch, grid = random_batch(), make_grid(device, ORIGINS, SIZES)
-    for one, other in zip(run(device, **batch, grid=grid), run(device, **batch, grid=grid, slots=slots), strict=True):
+    batch = random_batch()
+    for one, other in zip(run(device, **batch), run(device, **batch, slots=slots), strict=True):
         assert np.array_equal(one, other)
 
 
@@ -268,7 +262,7 @@ def test_no_frames_and_no_beams_have_no_contacts(device, shape):
 # --- Bad input ---
 
 
-def launch_with(device, launcher, grid=None, spacing=SPACING, **changed):
+def launch_with(device, launcher, spacing=SPACING, **changed):
     given = {
         "trajectory": wp.zeros(4, dtype=int, device=device),
         "quality": wp.zeros((4, 6), dtype=int, device=device),
@@ -278,14 +272,13 @@ def launch_with(device, launcher, grid=None, spacing=SPACING, **changed):
         "surest": wp.zeros(48, dtype=int, device=device),
         "hits": wp.zeros((4, 6), dtype=int, device=device),
     } | changed
-    grid = grid or make_grid(device)
     if launcher == "find":
         names = ("trajectory", "quality", "point", "critical_range", "elevation_deviation")
         arrays = [given[name] for name in names]
-        repeats.find_surest(grid, *arrays, spacing, given["surest"], device=device)
+        repeats.find_surest(*arrays, spacing, given["surest"], device=device)
     else:
         arrays = [given[name] for name in ("trajectory", "point", "surest")]
-        repeats.drop_repeats(grid, *arrays, spacing, given["hits"], given["quality"], device=device)
+        repeats.drop_repeats(*arrays, spacing, given["hits"], given["quality"], device=device)
 
 
 @pytest.mark.parametrize(
@@ -313,9 +306,7 @@ def test_wrong_arrays_are_refused_by_name(device, launcher, wrong, shape, dtype,
 
 
 @pytest.mark.parametrize("launcher", ["find", "drop"])
-def test_cubes_and_grids_that_are_none_are_refused_by_name(device, launcher):
+def test_cubes_of_no_size_are_refused_by_name(device, launcher):
     for spacing in (0.0, -0.1, float("nan")):
         with pytest.raises(ValueError, match="spacing: must be above 0, got"):
             launch_with(device, launcher, spacing=spacing)
-    with pytest.raises(ValueError, match=r"grid\.size: expected shape \(1,\), got \(2,\)"):
-        launch_with(device, launcher, grid=make_grid(device, sizes=[SHAPE] * 2))

@@ -14,10 +14,8 @@ import warp as wp
 
 from sonarwarp_kernels.crowd import cube_of
 from sonarwarp_kernels.estimate import QUALITY_NONE
-from sonarwarp_kernels.field import check_grid
 from sonarwarp_kernels.keys import mix_key
 from sonarwarp_kernels.launch import check_array, launch
-from sonarwarp_kernels.specs import Grid
 
 wp.set_module_options({"enable_backward": False})
 
@@ -29,6 +27,12 @@ SLOTS = 2
 
 
 @wp.func
+def world_cube(spacing: float, point: wp.vec3) -> wp.vec3i:
+    """Indices of the cube that a point lies in, from the world's origin: however far a run's box of cells reaches."""
+    return cube_of(wp.vec3(0.0, 0.0, 0.0), spacing, point)
+
+
+@wp.func
 def first_slot(owner: int, cube: wp.vec3i, slots: int) -> int:
     """Where in a table of ``slots`` the search for a trajectory's cube begins."""
     key = mix_key(mix_key(mix_key(mix_key(wp.uint64(0), owner), cube[0]), cube[1]), cube[2])
@@ -37,7 +41,6 @@ def first_slot(owner: int, cube: wp.vec3i, slots: int) -> int:
 
 @wp.func
 def lies_in(
-    grid: Grid,
     trajectory: wp.array(dtype=int),
     point: wp.array2d(dtype=wp.vec3),
     spacing: float,
@@ -48,7 +51,7 @@ def lies_in(
     """Whether a contact lies in a trajectory's cube."""
     frame = contact // point.shape[1]
     beam = contact % point.shape[1]
-    return trajectory[frame] == owner and cube_of(grid.origin[owner], spacing, point[frame, beam]) == cube
+    return trajectory[frame] == owner and world_cube(spacing, point[frame, beam]) == cube
 
 
 @wp.func
@@ -68,7 +71,6 @@ def is_surer(
 
 @wp.func
 def surest_in_cube(
-    grid: Grid,
     trajectory: wp.array(dtype=int),
     point: wp.array2d(dtype=wp.vec3),
     surest: wp.array(dtype=int),
@@ -82,7 +84,7 @@ def surest_in_cube(
     # In a table without a free slot, which was not filled with NO_CONTACT, the search ends as well.
     for _probe in range(slots):
         held = surest[slot]
-        if held == NO_CONTACT or lies_in(grid, trajectory, point, spacing, held, owner, cube):
+        if held == NO_CONTACT or lies_in(trajectory, point, spacing, held, owner, cube):
             return held
         slot = (slot + 1) % slots
     return NO_CONTACT
@@ -91,7 +93,6 @@ def surest_in_cube(
 @wp.kernel
 def find_surest_kernel(
     first: int,
-    grid: Grid,
     trajectory: wp.array(dtype=int),  # [frame]
     quality: wp.array2d(dtype=int),  # [frame, beam]
     point: wp.array2d(dtype=wp.vec3),  # [frame, beam]
@@ -107,13 +108,13 @@ def find_surest_kernel(
     slots = surest_out.shape[0]
     contact = frame * quality.shape[1] + beam
     owner = trajectory[frame]
-    cube = cube_of(grid.origin[owner], spacing, point[frame, beam])
+    cube = world_cube(spacing, point[frame, beam])
     slot = first_slot(owner, cube, slots)
     for _probe in range(slots):
         held = wp.atomic_cas(surest_out, slot, NO_CONTACT, contact)
         if held == NO_CONTACT:
             return
-        if lies_in(grid, trajectory, point, spacing, held, owner, cube):
+        if lies_in(trajectory, point, spacing, held, owner, cube):
             while is_surer(critical_range, elevation_deviation, contact, held):
                 seen = wp.atomic_cas(surest_out, slot, held, contact)
                 if seen == held:
@@ -125,7 +126,6 @@ def find_surest_kernel(
 
 
 def find_surest(
-    grid: Grid,
     trajectory: wp.array,
     quality: wp.array,
     point: wp.array,
@@ -139,10 +139,9 @@ def find_surest(
     """Find the surest contact of every cube; on one CPU thread, for contacts share slots.
 
     Args:
-        grid: whose boxes' origins the cubes are counted from; contacts may lie outside of the boxes, up to 2^31 cubes.
         trajectory: owner of each frame, shape [frame].
         quality: ``QUALITY_NONE`` where there is no contact, int32, shape [frame, beam].
-        point: world [m], shape [frame, beam].
+        point: world [m], up to 2^31 cubes from its origin, shape [frame, beam].
         critical_range: [m], shape [frame, beam].
         elevation_deviation: standard deviation [rad], shape [frame, beam].
         spacing: edge of the cubes [m].
@@ -154,17 +153,16 @@ def find_surest(
         ValueError: an array of the wrong shape, type or device, a table too small, or a spacing that is not positive.
     """
     device = wp.get_device(device)
-    shape = _check(grid, trajectory, "quality", quality, point, spacing, "surest_out", surest_out, device)
+    shape = _check(trajectory, "quality", quality, point, spacing, "surest_out", surest_out, device)
     check_array("critical_range", critical_range, shape, wp.float32, device)
     check_array("elevation_deviation", elevation_deviation, shape, wp.float32, device)
-    inputs = [grid, trajectory, quality, point, critical_range, elevation_deviation, spacing]
+    inputs = [trajectory, quality, point, critical_range, elevation_deviation, spacing]
     launch(find_surest_kernel, shape, inputs, [surest_out], device)
 
 
 @wp.kernel
 def drop_repeats_kernel(
     first: int,
-    grid: Grid,
     trajectory: wp.array(dtype=int),  # [frame]
     point: wp.array2d(dtype=wp.vec3),  # [frame, beam]
     surest: wp.array(dtype=int),  # [slot]
@@ -178,15 +176,14 @@ def drop_repeats_kernel(
         return
     beams = quality_out.shape[1]
     owner = trajectory[frame]
-    cube = cube_of(grid.origin[owner], spacing, point[frame, beam])
-    stays = surest_in_cube(grid, trajectory, point, surest, spacing, owner, cube)
+    cube = world_cube(spacing, point[frame, beam])
+    stays = surest_in_cube(trajectory, point, surest, spacing, owner, cube)
     if stays != NO_CONTACT and stays != frame * beams + beam:
         quality_out[frame, beam] = QUALITY_NONE
         wp.atomic_add(hits_out, stays // beams, stays % beams, 1)
 
 
 def drop_repeats(
-    grid: Grid,
     trajectory: wp.array,
     point: wp.array,
     surest: wp.array,
@@ -199,7 +196,6 @@ def drop_repeats(
     """Take back all contacts but the surest of every cube; on one CPU thread, for they are counted together.
 
     Args:
-        grid: as in :func:`find_surest`.
         trajectory: owner of each frame, shape [frame].
         point: world [m], shape [frame, beam].
         surest: what :func:`find_surest` found of the same contacts, shape [slot]; others stay.
@@ -213,14 +209,13 @@ def drop_repeats(
         ValueError: an array of the wrong shape, type or device, a table too small, or a spacing that is not positive.
     """
     device = wp.get_device(device)
-    shape = _check(grid, trajectory, "quality_out", quality_out, point, spacing, "surest", surest, device)
+    shape = _check(trajectory, "quality_out", quality_out, point, spacing, "surest", surest, device)
     check_array("hits_out", hits_out, shape, wp.int32, device)
-    inputs = [grid, trajectory, point, surest, spacing]
+    inputs = [trajectory, point, surest, spacing]
     launch(drop_repeats_kernel, shape, inputs, [hits_out, quality_out], device)
 
 
 def _check(
-    grid: Grid,
     trajectory: wp.array,
     quality_name: str,
     quality: wp.array,
@@ -232,7 +227,6 @@ def _check(
 ) -> tuple[int, int]:
     if not spacing > 0.0:
         raise ValueError(f"spacing: must be above 0, got {spacing}")
-    check_grid(grid, device)
     check_array("trajectory", trajectory, (None,), wp.int32, device)
     check_array(quality_name, quality, (trajectory.shape[0], None), wp.int32, device)
     check_array("point", point, quality.shape, wp.vec3, device)
