@@ -130,7 +130,7 @@ def _general(name: str, *figures: str, reason: str) -> Shortfall:
 
 _CORNERS = "the profiling sonar's fan tells no place across: the corners beside a rounded front are filled"
 _RECEDING = "a receding back sends too little to be detected, and part of it is hidden"
-_FLANKS = "the fan takes in the flanks, which move an echo's centre back by a tenth of the radius"
+_FLANKS = "the fan takes in the flanks, whose trail an echo's centre makes up for in part"
 _MOUNTS = "depth, boresight and lever arms put heights 1.4 cm off on average"
 
 SHORTFALLS = (
