@@ -6,13 +6,13 @@ import pytest
 from benchmarks.calibration import CASES, EVERY, KINDS, judge, measure, table
 from sonarwarp.app.experiment import run_batch
 from sonarwarp.app.paper_cases import Case
-from tests.small_runs import RIG
+from tests.test_carving import SWIFT
 from tests.test_demo import watch
 from tests.test_paper import ALONE, MISALIGNED
 
 SMALL = (
-    Case(name="field", object="brick", rig=RIG, deploy=ALONE),
-    Case(name="deployments", object="90", arrangement="misaligned", rig=RIG, deploy=MISALIGNED),
+    Case(name="field", object="brick", rig=SWIFT, deploy=ALONE),
+    Case(name="deployments", object="90", arrangement="misaligned", rig=SWIFT, deploy=MISALIGNED),
 )
 
 
