@@ -2,8 +2,7 @@
 
 A run is read every two seconds or sooner, as a vehicle under way would, and what a read gives is published for good: a
 point is taken as the first read has it that comes a delay after the instant of its frame or ping, and never moved or
-taken back. So strays stay that a later read takes out, and beside a contact the surer one that repeats it later:
-without a delay, 16 % of the brick's published contacts and 3 % of a pair's lie in a cube that has one already.
+taken back. So strays stay that a later read takes out, and of repeated hits the first one beside a surer one.
 
 Prints errors of what was published, by delay, beside those of the last read, as a Markdown table; means over seeds and
 objects, with field noise.
