@@ -16,8 +16,7 @@ import typer
 
 import sonarwarp as sw
 from benchmarks.command import Device, JsonFile, Seeds, report
-from benchmarks.tables import markdown, variant_cells
-from sonarwarp.app import rows
+from benchmarks.variants import variant_rows, variant_table
 from sonarwarp.app.experiment import record, run_recorded
 from sonarwarp.app.paper_cases import BRICK, PAIRS, Case
 from sonarwarp.app.progress import Watch
@@ -91,7 +90,7 @@ CASES = (BRICK, *(case for case in PAIRS if case.arrangement == "misaligned" and
 
 def main(seeds: Seeds = 3, json_file: JsonFile = None, device: Device = "cpu") -> None:
     """Print what each step of the improved method brings as a Markdown table."""
-    report(partial(measure, CASES, VARIANTS, seeds=range(seeds)), table, json_file=json_file, device=device)
+    report(partial(measure, CASES, VARIANTS, seeds=range(seeds)), variant_table, json_file=json_file, device=device)
 
 
 def measure(
@@ -116,15 +115,9 @@ def measure(
             advance(1)
             for variant in variants:
                 run = run_recorded(replace(experiment, settings=variant.settings), log, device=device)
-                found = rows.object_rows(run, rows.evaluate_objects(run))
-                measured += [{"variant": variant.title, **row} for row in found if row["method"] == "fused"]
+                measured += variant_rows(variant.title, run)
                 advance(1)
     return measured
-
-
-def table(measured: Sequence[Mapping[str, Any]]) -> str:
-    """Rows of :func:`measure` as a table, a variant a line."""
-    return markdown(*variant_cells(measured))
 
 
 if __name__ == "__main__":

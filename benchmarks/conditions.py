@@ -7,7 +7,7 @@ switched off leaves the rest as it was.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -16,8 +16,7 @@ import typer
 
 import sonarwarp as sw
 from benchmarks.command import Device, JsonFile, Seeds, report
-from benchmarks.tables import markdown, variant_cells
-from sonarwarp.app import rows
+from benchmarks.variants import variant_rows, variant_table
 from sonarwarp.app.experiment import Run, run_recorded
 from sonarwarp.app.paper_cases import BRICK, PAIRS, Case
 from sonarwarp.app.progress import Watch
@@ -72,7 +71,7 @@ CASES = (BRICK, *(case for case in PAIRS if (case.object, case.arrangement) == (
 
 def main(seeds: Seeds = 3, json_file: JsonFile = None, device: Device = "cpu") -> None:
     """Print what parts of the field noise cost as a Markdown table."""
-    report(partial(measure, CASES, CONDITIONS, seeds=range(seeds)), table, json_file=json_file, device=device)
+    report(partial(measure, CASES, CONDITIONS, seeds=range(seeds)), variant_table, json_file=json_file, device=device)
 
 
 def measure(
@@ -93,8 +92,7 @@ def measure(
         for condition in conditions:
             for seed in seeds:
                 run = run_under(condition, case, seed, device=device)
-                found = rows.object_rows(run, rows.evaluate_objects(run))
-                measured += [{"variant": condition.title, **row} for row in found if row["method"] == "fused"]
+                measured += variant_rows(condition.title, run)
                 advance(1)
     return measured
 
@@ -117,11 +115,6 @@ def run_under(condition: Condition, case: Case, seed: int, *, device: str) -> Ru
         device=device,
     )
     return run_recorded(experiment, log, device=device)
-
-
-def table(measured: Sequence[Mapping[str, Any]]) -> str:
-    """Rows of :func:`measure` as a table, a condition a line."""
-    return markdown(*variant_cells(measured))
 
 
 if __name__ == "__main__":

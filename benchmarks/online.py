@@ -24,8 +24,8 @@ import warp as wp
 import sonarwarp as sw
 from benchmarks.ablation import CASES
 from benchmarks.command import Device, JsonFile, Seeds, report
-from benchmarks.tables import markdown, variant_cells
-from sonarwarp.app import rows
+from benchmarks.tables import markdown
+from benchmarks.variants import variant_cells, variant_rows
 from sonarwarp.app.experiment import Engines, Experiment, Run, plan_surveys
 from sonarwarp.app.paper_cases import Case
 from sonarwarp.app.progress import Watch
@@ -107,7 +107,7 @@ def _measure(experiment: Experiment, delays: Sequence[float], device: str, watch
     schedule = reconstructor.plan_schedule(survey, frames=max(round(EVERY * experiment.rig.fls.rate), 1))
     engines.plan(truth, survey, schedule)
     advance = watch(experiment.title, len(survey.frames), "frames")
-    publishers = {delay: Publisher(delay=delay) for delay in delays}
+    publishers = [Publisher(delay=delay) for delay in delays]
     # Kernels load in this read, not in a timed one.
     clouds, reads = reconstructor.read(), []
     began = time.perf_counter()
@@ -120,12 +120,11 @@ def _measure(experiment: Experiment, delays: Sequence[float], device: str, watch
         frames = shown[shown != EMPTY]
         # A round of pings alone has no such time: nothing is due.
         now = float(survey.frames.time[frames].max(initial=-math.inf))
-        for publisher in publishers.values():
+        for publisher in publishers:
             publisher.take(clouds.fused, now)
         advance(len(frames))
-    for publisher in publishers.values():
+    for publisher in publishers:
         publisher.take(clouds.fused, math.inf)
-    fused = {f"after {delay:g} s": publisher.published for delay, publisher in publishers.items()}
     run = Run(
         experiment=experiment,
         device=device,
@@ -135,12 +134,12 @@ def _measure(experiment: Experiment, delays: Sequence[float], device: str, watch
         critical_range=reconstructor.contacts.critical_range.numpy(),
         seconds=time.perf_counter() - began,
     )
+    fused = {f"after {publisher.delay:g} s": publisher.published for publisher in publishers}
+    fused["last read"] = clouds.fused
     return [
-        {"variant": variant, "longest_read": max(reads), **row}
-        for variant, cloud in [*fused.items(), ("last read", clouds.fused)]
-        for own in [replace(run, clouds=replace(clouds, fused=cloud))]
-        for row in rows.object_rows(own, rows.evaluate_objects(own))
-        if row["method"] == "fused"
+        {**row, "longest_read": max(reads)}
+        for variant, cloud in fused.items()
+        for row in variant_rows(variant, replace(run, clouds=replace(clouds, fused=cloud)))
     ]
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from sonarwarp.app.machine import find_device
-from sonarwarp.app.paper_summary import Summary, summarise
+from sonarwarp.app.paper_summary import Summary
 
 ERRORS = ("slope_error", "area_error", "volume_error")
 """Keys of rows, in the order in which a cell has them."""
@@ -21,23 +21,6 @@ def markdown(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """A table, every cell as it stands."""
     lines = (headings, ("---",) * len(headings), *rows)
     return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
-
-
-def variant_cells(rows: Sequence[Mapping[str, Any]]) -> tuple[list[str], list[list[str]]]:
-    """Headings and lines of mean errors: a line for each ``variant`` of the rows, a column for each case.
-
-    Both objects of a pair count alike, and together.
-    """
-    summaries = {
-        variant: summarise([{**row, "which": None} for row in rows if row["variant"] == variant])
-        for variant in dict.fromkeys(row["variant"] for row in rows)
-    }
-    lines = [[variant, *(error_cell(summary) for summary in cases)] for variant, cases in summaries.items()]
-    return [ERRORS_HEADING, *(_case_name(summary) for summary in next(iter(summaries.values())))], lines
-
-
-def _case_name(summary: Summary) -> str:
-    return summary.object if summary.deployment is None else f"pair, {summary.object} deg"
 
 
 def error_cell(summary: Summary) -> str:

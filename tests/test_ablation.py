@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import sonarwarp as sw
-from benchmarks.ablation import CASES, STEPS, VARIANTS, Variant, measure, table, without
+from benchmarks.ablation import CASES, STEPS, VARIANTS, Variant, measure, without
+from benchmarks.variants import variant_table
 from sonarwarp.app.experiment import record, run_batch, run_recorded
 from sonarwarp.app.paper_cases import Case
 from tests.small_runs import CARVED
@@ -147,7 +148,7 @@ def test_small_cases_give_the_documented_columns(device):
         *(("whole", "brick", None), ("paper", "brick", None)),
         *((title, "90", which) for title in ("whole", "paper") for which in ("first", "second")),
     ]
-    heading, rule, *lines = table(measured).splitlines()
+    heading, rule, *lines = variant_table(measured).splitlines()
     assert heading == "| Slope / area / volume error | brick | pair, 90 deg |"
     assert [line.split(" | ")[0] for line in lines] == ["| whole", "| paper"]
     assert {line.count("|") for line in (heading, rule, *lines)} == {4}
@@ -160,4 +161,4 @@ def test_the_table_has_means_over_seeds_and_objects_and_counts_what_is_missing()
         names | {"which": which, "seed": 0, "slope_error": slope, "area_error": area, "volume_error": None}
         for which, slope, area in (("first", 0.02, 0.1), ("second", None, 0.3))
     ]
-    assert table(rows).splitlines()[2] == "| whole | 0.020 (1 of 2 none) / 0.200 / none |"
+    assert variant_table(rows).splitlines()[2] == "| whole | 0.020 (1 of 2 none) / 0.200 / none |"

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import sonarwarp as sw
-from benchmarks.conditions import CASES, CONDITIONS, measure, run_under, table
+from benchmarks.conditions import CASES, CONDITIONS, measure, run_under
+from benchmarks.variants import variant_table
 from sonarwarp.app.experiment import record, run_recorded
 from tests.small_runs import same_points
 from tests.test_ablation import BRICK
@@ -80,7 +81,7 @@ def test_a_small_case_gives_a_line_for_each_condition(device):
     measured = measure([BRICK], some, seeds=(3, 4), device=device, watch=lambda *_: steps.append)
     assert sum(steps) == 4
     assert [(row["variant"], row["seed"]) for row in measured] == [(one.title, seed) for one in some for seed in (3, 4)]
-    heading, _, *lines = table(measured).splitlines()
+    heading, _, *lines = variant_table(measured).splitlines()
     assert heading == "| Slope / area / volume error | brick |"
     assert [line.split(" | ")[0] for line in lines] == ["| field noise", "| no speckle"]
 

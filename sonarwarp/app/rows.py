@@ -48,9 +48,9 @@ Surfaces = Mapping[str, SurfaceMetrics]
 """Of each method."""
 
 
-def evaluate_objects(run: Run) -> Sections:
-    """Both methods' clouds against the known objects."""
-    return {name: _sections(run, getattr(run.clouds, name).points) for name in METHODS}
+def evaluate_objects(run: Run, methods: Sequence[str] = METHODS) -> Sections:
+    """The methods' clouds against the known objects."""
+    return {name: _sections(run, getattr(run.clouds, name).points) for name in methods}
 
 
 def evaluate_seen(run: Run) -> Sections:
